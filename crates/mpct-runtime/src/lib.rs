@@ -1,0 +1,2 @@
+//! The online solver of model predictive control for tracking.
+#![no_std]
