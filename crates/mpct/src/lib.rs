@@ -1,1 +1,19 @@
-//! Model predictive control for tracking.
+//! Model predictive control for tracking whose terminal ingredients scale.
+//!
+//! A linear plant x⁺ = A x + B u under polytopic constraints follows set-points that jump. The terminal set of the
+//! controller is implicit: the terminal control law runs for M̃ more steps, and M̃ is found offline by linear
+//! programs (Luque, Chanfreut, Limón, Maestre, Automatica 179, 2025; equation numbers refer to it).
+//!
+//! Data flow one way, and a later stage can only be built from an earlier one:
+//! [`Problem`] → `TerminalIngredients` → `Controller` → closed loop.
+
+mod error;
+mod linalg;
+mod matrix;
+pub mod problem;
+
+pub use error::{DesignError, StepError};
+pub use matrix::{Matrix, SparseMatrix};
+pub use problem::{
+    Constraints, Formulation, OperatingPoint, Plant, Problem, RowSource, Task, Weight, Weights,
+};
