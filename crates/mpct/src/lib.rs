@@ -9,11 +9,16 @@
 
 mod error;
 mod linalg;
+mod lqr;
 mod matrix;
 pub mod problem;
+mod steady_state;
+pub mod terminal;
 
 pub use error::{DesignError, StepError};
 pub use matrix::{Matrix, SparseMatrix};
 pub use problem::{
     Constraints, Formulation, OperatingPoint, Plant, Problem, RowSource, Task, Weight, Weights,
 };
+pub use steady_state::SteadyStates;
+pub use terminal::{Condition, DesignOptions, MaximalAdmissibleSet, Progress, TerminalIngredients};

@@ -1,0 +1,249 @@
+//! A box around the terminal constraints, in which programs start and by which what is left over is bounded.
+
+use super::augmented::Augmented;
+use super::simplex::{DualSimplex, Rows};
+use crate::error::DesignError;
+use crate::linalg::{self, Dense};
+
+/// |z_l| ≤ β_l.
+pub(super) struct Boxes {
+    pub(super) beta: Vec<f64>,
+    /// Whether O_0 lies inside the box in this coordinate. Otherwise only O at later steps does, well inside.
+    pub(super) valid: Vec<bool>,
+}
+
+/// First guess of a box, in units of the nearest constraint: further out than any bound of a sensible problem.
+const FAR: f64 = 1e7;
+/// A coordinate that step 0 alone does not bound gets this many times its bound over more steps.
+const ROOM: f64 = 1e2;
+/// Steps looked at to bound a coordinate that step 0 does not bound.
+const STEPS: usize = 64;
+/// Relative size below which a singular value counts as zero.
+const RANK_TOLERANCE: f64 = 1e-10;
+
+impl Boxes {
+    /// The box of a system; `name` names state i in errors.
+    ///
+    /// # Errors
+    /// [`DesignError::Unbounded`] when a direction is neither bounded nor observed by the constraints.
+    pub(super) fn of(system: &mut Augmented) -> Result<Self, DesignError> {
+        let d = system.dimension();
+        let mut boxes = Self {
+            beta: vec![f64::INFINITY; d],
+            valid: vec![true; d],
+        };
+        boxes.read_off(system);
+        if boxes.beta.iter().all(|b| b.is_finite()) {
+            return Ok(boxes);
+        }
+        check_equilibria(system)?;
+        let open: Vec<usize> = (0..d).filter(|&l| boxes.beta[l].is_infinite()).collect();
+        if open.iter().any(|&l| l < system.states) {
+            check_states(system)?;
+        }
+        boxes.solve(system, &open, 0);
+        let open: Vec<usize> = (0..d).filter(|&l| boxes.beta[l].is_infinite()).collect();
+        if !open.is_empty() {
+            let last = STEPS.min(system.states);
+            system.extend_to(last);
+            boxes.solve(system, &open, last);
+        }
+        Ok(boxes)
+    }
+
+    /// Bounds that stand in the problem: a row with one entry in e, or in θ.
+    fn read_off(&mut self, system: &Augmented) {
+        let n = system.states;
+        for (k, pair) in system.pairs.iter().enumerate() {
+            let lower = pair.lower_bound();
+            if lower.is_infinite() {
+                continue;
+            }
+            if let [(j, v)] = system.static_row(k)[..] {
+                self.beta[j] = self.beta[j].min(lower.max(1.0) / v.abs());
+            }
+            let row = system.moving_row(k, 0);
+            let equilibrium = row.iter().any(|e| e.0 >= n);
+            if let [(j, v)] = row.iter().filter(|e| e.0 < n).copied().collect::<Vec<_>>()[..] {
+                // c e = (c e + w θ) − w θ, and −λ l ≤ w θ ≤ λ.
+                let width = if equilibrium {
+                    (1.0 + system.scaling * lower).max(lower + system.scaling)
+                } else {
+                    lower.max(1.0)
+                };
+                self.beta[j] = self.beta[j].min(width / v.abs());
+            }
+        }
+    }
+
+    /// Bounds by linear programs over the rows of steps 0, …, `last`.
+    fn solve(&mut self, system: &Augmented, open: &[usize], last: usize) {
+        let d = system.dimension();
+        let mut rows = Vec::new();
+        let mut lower = Vec::new();
+        for k in 0..system.pairs.len() {
+            for row in std::iter::once(system.static_row(k))
+                .chain((0..=last).map(|s| system.moving_row(k, s)))
+            {
+                if !row.is_empty() {
+                    rows.push(row);
+                    lower.push(system.pairs[k].lower_bound());
+                }
+            }
+        }
+        // Scale of a coordinate: where a row alone would stop it.
+        let mut scale = vec![0.0_f64; d];
+        for &(j, v) in rows.iter().flatten() {
+            scale[j] = scale[j].max(v.abs());
+        }
+        let far: Vec<f64> = (0..d)
+            .map(|l| {
+                if self.beta[l].is_finite() {
+                    self.beta[l]
+                } else {
+                    FAR / scale[l].max(1e-300)
+                }
+            })
+            .collect();
+        let mut dense = vec![0.0; rows.len() * d];
+        let mut norms = Vec::with_capacity(rows.len());
+        for (row, out) in rows.iter().zip(dense.chunks_exact_mut(d)) {
+            for &(j, v) in row {
+                out[j] = v * far[j];
+            }
+            norms.push(out.iter().map(|v| v * v).sum::<f64>().sqrt().recip());
+        }
+        let upper = vec![1.0; rows.len()];
+        let rows = Rows {
+            width: d,
+            coefficients: &dense,
+            upper: &upper,
+            lower: &lower,
+            inverse_norms: &norms,
+        };
+        let mut simplex = DualSimplex::default();
+        let mut found = Vec::new();
+        for &l in open {
+            let mut reach = 0.0_f64;
+            for sign in [1.0, -1.0] {
+                let mut w = vec![0.0; d];
+                w[l] = sign;
+                reach = reach.max(simplex.maximise(&w, &rows, 0.0, None).bound);
+            }
+            found.push((l, reach));
+        }
+        let finished = last > 0;
+        for (l, reach) in found {
+            let bounded = reach < 0.5;
+            if bounded && !finished {
+                // A little wider than computed, so that rounding does not cut the set.
+                self.beta[l] = reach * far[l] * (1.0 + 1e-6);
+            } else if finished {
+                // Unbounded even here: one-sided constraints. The programs then end at the box, which only ever
+                // proves that a row is not spent.
+                self.beta[l] = if bounded {
+                    reach * far[l] * ROOM
+                } else {
+                    far[l]
+                };
+                self.valid[l] = false;
+            }
+        }
+    }
+}
+
+/// Θ is bounded only when no equilibrium direction is free of constraints.
+fn check_equilibria(system: &Augmented) -> Result<(), DesignError> {
+    if system.parameters == 0 {
+        return Ok(());
+    }
+    let w = linalg::dense(&system.equilibrium);
+    match null_direction(&w)? {
+        None => Ok(()),
+        Some(direction) => Err(DesignError::Unbounded {
+            direction: format!("the equilibria along {}", named(&direction, "theta")),
+        }),
+    }
+}
+
+/// (C + D K, A + B K) must be observable.
+fn check_states(system: &mut Augmented) -> Result<(), DesignError> {
+    let n = system.states;
+    // Observability is decided by n steps; the rank is taken of the columns scaled to equal size.
+    let steps = n.min(STEPS);
+    system.extend_to(steps);
+    let q = system.pairs.len();
+    let mut stacked = Dense::zeros((q * steps).max(1), n);
+    for s in 0..steps {
+        for k in 0..q {
+            for (j, v) in system.moving_row(k, s) {
+                if j < n {
+                    stacked[(s * q + k, j)] = v;
+                }
+            }
+        }
+    }
+    match null_direction(&stacked)? {
+        None => Ok(()),
+        Some(direction) => Err(DesignError::Unbounded {
+            direction: format!("the direction {} of the state", named(&direction, "x")),
+        }),
+    }
+}
+
+/// A direction that a matrix maps to (nearly) nothing, if there is one.
+fn null_direction(m: &Dense) -> Result<Option<Vec<f64>>, DesignError> {
+    let d = m.ncols();
+    let mut scaled = m.clone();
+    let mut unit = vec![1.0; d];
+    for j in 0..d {
+        let norm = (0..m.nrows())
+            .map(|i| m[(i, j)].powi(2))
+            .sum::<f64>()
+            .sqrt();
+        if !(norm > 0.0) {
+            let mut direction = vec![0.0; d];
+            direction[j] = 1.0;
+            return Ok(Some(direction));
+        }
+        unit[j] = norm;
+        for i in 0..m.nrows() {
+            scaled[(i, j)] /= norm;
+        }
+    }
+    // Fewer rows than columns always leave a direction free; pad so that every column has its singular value.
+    if scaled.nrows() < d {
+        scaled = Dense::from_fn(
+            d,
+            d,
+            |i, j| if i < m.nrows() { scaled[(i, j)] } else { 0.0 },
+        );
+    }
+    let (_, s, v) = linalg::svd("observability of the constraints", &scaled)?;
+    let (largest, smallest) = (s[0], s[d - 1]);
+    Ok((!(smallest > RANK_TOLERANCE * largest))
+        .then(|| (0..d).map(|j| v[(j, d - 1)] / unit[j]).collect()))
+}
+
+/// The largest parts of a direction, in words.
+fn named(direction: &[f64], symbol: &str) -> String {
+    let largest = direction.iter().fold(0.0_f64, |a, v| a.max(v.abs()));
+    let mut parts: Vec<(usize, f64)> = direction
+        .iter()
+        .map(|v| v / largest)
+        .enumerate()
+        .filter(|e| e.1.abs() > 1e-3)
+        .collect();
+    parts.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
+    let more = parts.len().saturating_sub(4);
+    let mut text = parts
+        .iter()
+        .take(4)
+        .map(|&(j, v)| format!("{v:+.3} {symbol}[{j}]"))
+        .collect::<Vec<_>>()
+        .join(" ");
+    if more > 0 {
+        text.push_str(&format!(" and {more} more"));
+    }
+    text
+}

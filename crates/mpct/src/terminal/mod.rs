@@ -1,0 +1,279 @@
+//! Terminal ingredients: K, P, the steady-state basis and the terminal horizon.
+
+mod augmented;
+mod boxes;
+mod explicit_set;
+mod horizon;
+mod simplex;
+mod support;
+
+pub use explicit_set::MaximalAdmissibleSet;
+
+use crate::error::DesignError;
+use crate::linalg;
+use crate::lqr::{self, TerminalLaw};
+use crate::matrix::SparseMatrix;
+use crate::problem::{Problem, RowSource, Task};
+use crate::steady_state::SteadyStates;
+use augmented::Augmented;
+use boxes::Boxes;
+use serde::{Deserialize, Serialize};
+use std::fmt;
+use std::ops::ControlFlow;
+use std::time::{Duration, Instant};
+
+/// Which form of (15)/(26) the terminal horizon satisfies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Condition {
+    /// The first form: the support is taken over the constraints of all steps 0, …, M. Gives the shortest horizon.
+    #[default]
+    Exact,
+    /// The second form: the support is taken over the constraints of step 0 alone. Sufficient, and longer.
+    Sufficient,
+}
+
+impl fmt::Display for Condition {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Exact => "exact",
+            Self::Sufficient => "sufficient",
+        })
+    }
+}
+
+/// How far a search has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Progress {
+    /// Rows whose first spent step is known.
+    pub rows_done: usize,
+    /// Rows in all; 0 when only the count of done rows is new.
+    pub rows_total: usize,
+    /// A lower bound of the terminal horizon.
+    pub terminal_horizon_at_least: usize,
+}
+
+/// Choices of a design.
+#[derive(Clone, Copy)]
+pub struct DesignOptions<'a> {
+    /// Form of the condition.
+    pub condition: Condition,
+    /// The search gives up beyond this horizon.
+    pub max_horizon: usize,
+    /// The search gives up after this time.
+    pub time_limit: Option<Duration>,
+    /// Called now and then; a `Break` ends the search with [`DesignError::Interrupted`].
+    pub progress: Option<&'a (dyn Fn(&Progress) -> ControlFlow<()> + Sync)>,
+}
+
+/// Largest terminal horizon searched unless stated otherwise.
+pub const DEFAULT_MAX_HORIZON: usize = 5000;
+
+impl Default for DesignOptions<'_> {
+    fn default() -> Self {
+        Self {
+            condition: Condition::Exact,
+            max_horizon: DEFAULT_MAX_HORIZON,
+            time_limit: None,
+            progress: None,
+        }
+    }
+}
+
+impl fmt::Debug for DesignOptions<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("DesignOptions")
+            .field("condition", &self.condition)
+            .field("max_horizon", &self.max_horizon)
+            .field("time_limit", &self.time_limit)
+            .finish_non_exhaustive()
+    }
+}
+
+/// Everything the guarantees of a controller rest on. Only a design makes one.
+///
+/// ```
+/// use mpct::{Constraints, DesignOptions, Matrix, Plant, Problem, TerminalIngredients, Weights};
+/// let plant = Plant::discrete(
+///     Matrix::from_rows(&[[1.0, 1.0], [0.0, 1.0]]),
+///     Matrix::from_rows(&[[0.0, 0.5], [1.0, 0.5]]),
+/// )?;
+/// let constraints = Constraints::new(2, 2)
+///     .state_bounds(&[-3.0; 2], &[3.0; 2])?
+///     .input_bounds(&[-2.0; 2], &[2.0; 2])?;
+/// let problem = Problem::new(plant, constraints, Weights::new(10.0, 100.0, 1e4))?.with_scaling(0.9)?;
+/// let ingredients = TerminalIngredients::design(&problem, &DesignOptions::default())?;
+/// // Section 4.1 of the paper: M̃ = 5 at λ = 0.9.
+/// assert_eq!(ingredients.terminal_horizon(), 5);
+/// # Ok::<(), mpct::DesignError>(())
+/// ```
+#[derive(Clone, Debug)]
+pub struct TerminalIngredients {
+    problem: Problem,
+    law: TerminalLaw,
+    gain: SparseMatrix,
+    weight: SparseMatrix,
+    steady_states: SteadyStates,
+    condition: Condition,
+    terminal_horizon: usize,
+    /// First spent step of each constraint row, in the order of `problem.rows()`.
+    spent: Vec<usize>,
+    linear_programs: usize,
+    elapsed: Duration,
+}
+
+impl TerminalIngredients {
+    /// Computes K, P, M_θ and the terminal horizon.
+    ///
+    /// # Errors
+    /// [`DesignError::NotStabilizable`], [`DesignError::NotSchur`], [`DesignError::Unbounded`],
+    /// [`DesignError::HorizonNotDetermined`], [`DesignError::Interrupted`], [`DesignError::Solver`].
+    pub fn design(problem: &Problem, options: &DesignOptions<'_>) -> Result<Self, DesignError> {
+        if options.max_horizon == 0 {
+            return Err(DesignError::OutOfRange {
+                what: "max_horizon".into(),
+                expected: "a whole number of steps >= 1".into(),
+                found: "0".into(),
+            });
+        }
+        let started = Instant::now();
+        let law = lqr::terminal_law(problem)?;
+        let steady_states = SteadyStates::of(problem)?;
+        let mut system = Augmented::new(problem, &law.gain, &law.closed_loop, &steady_states);
+        let boxes = Boxes::of(&mut system)?;
+        let found = horizon::search(problem, &mut system, &boxes, options, started)?;
+        let mut spent = vec![1; problem.rows().len()];
+        for (pair, at) in system.pairs.iter().zip(&found.spent) {
+            spent[pair.upper] = at[0];
+            if let Some((lower, _)) = pair.lower {
+                spent[lower] = at[1];
+            }
+        }
+        Ok(Self {
+            problem: problem.clone(),
+            gain: linalg::sparse(&law.gain),
+            weight: linalg::sparse(&law.weight),
+            law,
+            steady_states,
+            condition: options.condition,
+            terminal_horizon: found.horizon,
+            spent,
+            linear_programs: found.programs,
+            elapsed: started.elapsed(),
+        })
+    }
+
+    /// The problem.
+    pub fn problem(&self) -> &Problem {
+        &self.problem
+    }
+
+    /// K of the terminal law u = K x + L θ, m × n.
+    pub fn gain(&self) -> &SparseMatrix {
+        &self.gain
+    }
+
+    /// P, the solution of (3) for this K, n × n.
+    pub fn terminal_weight(&self) -> &SparseMatrix {
+        &self.weight
+    }
+
+    /// The basis M_θ of the steady states (6).
+    pub fn steady_states(&self) -> &SteadyStates {
+        &self.steady_states
+    }
+
+    /// The spectral radius of A + B K, less than 1.
+    pub fn spectral_radius(&self) -> f64 {
+        self.law.spectral_radius
+    }
+
+    /// M (20) for regulation, M̃ (29) for tracking: the smallest integer ≥ 1 that satisfies the condition.
+    pub fn terminal_horizon(&self) -> usize {
+        self.terminal_horizon
+    }
+
+    /// The form of the condition that the horizon satisfies.
+    pub fn condition(&self) -> Condition {
+        self.condition
+    }
+
+    /// The first step at which each constraint row is implied by the steps before it. With the sufficient condition,
+    /// one more than the horizon for every row.
+    pub fn spent_steps(&self) -> Vec<(RowSource, usize)> {
+        self.problem
+            .rows()
+            .source
+            .iter()
+            .copied()
+            .zip(self.spent.iter().copied())
+            .collect()
+    }
+
+    /// Number of rows of X_aug,t (22), or of X_t (14) for regulation.
+    pub fn constraint_rows(&self) -> usize {
+        let p = self.problem.rows().len();
+        match self.problem.task() {
+            Task::Regulation => p,
+            Task::Tracking => {
+                let w = self.equilibrium_rows();
+                p + (0..p).filter(|&i| w.row(i).len() > 0).count()
+            }
+        }
+    }
+
+    /// Linear programs solved for the horizon.
+    pub fn linear_programs(&self) -> usize {
+        self.linear_programs
+    }
+
+    /// How long the design took.
+    pub fn elapsed(&self) -> Duration {
+        self.elapsed
+    }
+
+    /// The explicit set (16)/(27) without redundant rows.
+    ///
+    /// # Errors
+    /// [`DesignError::Solver`] when a redundancy cannot be decided with a checked answer.
+    pub fn maximal_admissible_set(&self) -> Result<MaximalAdmissibleSet, DesignError> {
+        let mut system = self.augmented();
+        let boxes = Boxes::of(&mut system)?;
+        explicit_set::irredundant(
+            &self.problem,
+            &mut system,
+            &boxes,
+            &self.steady_states,
+            &self.spent,
+        )
+    }
+
+    /// C M_θx + D M_θu, rows × m.
+    pub(crate) fn equilibrium_rows(&self) -> SparseMatrix {
+        let rows = self.problem.rows();
+        rows.c.mul(self.steady_states.state_basis()).combine(
+            1.0,
+            &rows.d.mul(self.steady_states.input_basis()),
+            1.0,
+        )
+    }
+
+    /// K, P and A + B K, dense.
+    pub(crate) fn law(&self) -> &TerminalLaw {
+        &self.law
+    }
+
+    /// First spent step of constraint row i.
+    pub(crate) fn spent_step(&self, row: usize) -> usize {
+        self.spent[row]
+    }
+
+    fn augmented(&self) -> Augmented {
+        Augmented::new(
+            &self.problem,
+            &self.law.gain,
+            &self.law.closed_loop,
+            &self.steady_states,
+        )
+    }
+}

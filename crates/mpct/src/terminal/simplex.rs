@@ -1,0 +1,261 @@
+//! The dual simplex method for the linear programs of the terminal set.
+//!
+//! maximise w·z  subject to  −l_k ≤ r_k·z ≤ u_k  (k = 1, …, rows)  and  |z_j| ≤ 1,   with 0 < l_k, u_k.
+//!
+//! The family is special, and the method follows from it: the origin is always feasible, the box gives a vertex
+//! whose multipliers are non-negative at once, and only the question "is the optimum above 1?" matters. Every
+//! iterate carries multipliers y ≥ 0 with Σ y_k r_k = w, so Σ y_k b_k is an upper bound of the optimum *before* the
+//! method has ended, and most questions end early.
+//!
+//! Source: dual simplex with an explicit inverse, Bertsimas and Tsitsiklis, "Introduction to Linear Optimization",
+//! section 4.5; bounded rows as in Maros, "Computational Techniques of the Simplex Method", chapter 10.
+
+/// Rows −l ≤ r·z ≤ u, dense, row-major. An infinite bound is no bound.
+pub(super) struct Rows<'a> {
+    /// Number of variables.
+    pub(super) width: usize,
+    /// `count × width` coefficients.
+    pub(super) coefficients: &'a [f64],
+    /// u.
+    pub(super) upper: &'a [f64],
+    /// l.
+    pub(super) lower: &'a [f64],
+    /// 1/‖r_k‖₂, to compare violations.
+    pub(super) inverse_norms: &'a [f64],
+}
+
+impl Rows<'_> {
+    pub(super) fn row(&self, k: usize) -> &[f64] {
+        &self.coefficients[k * self.width..(k + 1) * self.width]
+    }
+}
+
+/// How the method ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Ending {
+    /// z is feasible and optimal.
+    Optimal,
+    /// The upper bound fell to the threshold; z need not be feasible.
+    Below,
+    /// Neither, within the pivots allowed.
+    PivotLimit,
+}
+
+/// The last iterate.
+pub(super) struct Solution {
+    pub(super) ending: Ending,
+    /// The vertex.
+    pub(super) z: Vec<f64>,
+    /// (row, true for its upper side, multiplier > 0).
+    pub(super) multipliers: Vec<(usize, bool, f64)>,
+    /// Σ y b, box included: an upper bound of the optimum.
+    pub(super) bound: f64,
+    pub(super) pivots: usize,
+}
+
+/// A row violated by less than this, relative to its norm, counts as satisfied. The answers are checked against
+/// their own bound afterwards, so this only has to stop the method from chasing rounding.
+const FEASIBILITY: f64 = 1e-11;
+/// Pivots smaller than this, relative to the largest candidate, spoil the inverse.
+const PIVOT: f64 = 1e-9;
+/// Ties of the ratio test within this are broken by the larger pivot.
+const TIE: f64 = 1e-12;
+
+#[derive(Clone, Copy, PartialEq)]
+enum Basic {
+    /// Box of variable j; +1 or −1.
+    Box(usize, f64),
+    /// Row k; +1 at its upper, −1 at its lower side.
+    Row(usize, f64),
+}
+
+/// Scratch memory and method; one per thread.
+#[derive(Default)]
+pub(super) struct DualSimplex {
+    /// Columns of B⁻¹, one after the other.
+    inverse: Vec<f64>,
+    basis: Vec<Basic>,
+    y: Vec<f64>,
+    z: Vec<f64>,
+    alpha: Vec<f64>,
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    // Four partial sums let the compiler vectorise without reordering one sum.
+    let mut s = [0.0; 4];
+    let (ca, cb) = (a.chunks_exact(4), b.chunks_exact(4));
+    let tail: f64 = ca
+        .remainder()
+        .iter()
+        .zip(cb.remainder())
+        .map(|(x, y)| x * y)
+        .sum();
+    for (x, y) in ca.zip(cb) {
+        for i in 0..4 {
+            s[i] += x[i] * y[i];
+        }
+    }
+    (s[0] + s[1]) + (s[2] + s[3]) + tail
+}
+
+impl DualSimplex {
+    /// Runs until the optimum is found or proved to be at most `threshold`. `skip` is a row left out.
+    pub(super) fn maximise(
+        &mut self,
+        w: &[f64],
+        rows: &Rows<'_>,
+        threshold: f64,
+        skip: Option<(usize, bool)>,
+    ) -> Solution {
+        let d = rows.width;
+        self.start_at_box(w);
+        let limit = 200 + 20 * d;
+        let mut pivots = 0;
+        let ending = loop {
+            let bound = self.bound(rows);
+            if bound <= threshold {
+                break Ending::Below;
+            }
+            let Some((entering, side)) = self.most_violated(rows, skip) else {
+                break Ending::Optimal;
+            };
+            if pivots >= limit || !self.pivot(rows, entering, side) {
+                break Ending::PivotLimit;
+            }
+            pivots += 1;
+        };
+        Solution {
+            ending,
+            z: self.z.clone(),
+            multipliers: self
+                .basis
+                .iter()
+                .zip(&self.y)
+                .filter_map(|(b, &y)| match *b {
+                    Basic::Row(k, side) if y > 0.0 => Some((k, side > 0.0, y)),
+                    _ => None,
+                })
+                .collect(),
+            bound: self.bound(rows),
+            pivots,
+        }
+    }
+
+    /// The vertex of the box in the direction of w: its multipliers are |w|.
+    fn start_at_box(&mut self, w: &[f64]) {
+        let d = w.len();
+        self.inverse.clear();
+        self.inverse.resize(d * d, 0.0);
+        self.basis.clear();
+        self.y.clear();
+        self.z.clear();
+        self.alpha.clear();
+        self.alpha.resize(d, 0.0);
+        for (j, &wj) in w.iter().enumerate() {
+            let side = if wj < 0.0 { -1.0 } else { 1.0 };
+            self.inverse[j * d + j] = side;
+            self.basis.push(Basic::Box(j, side));
+            self.y.push(wj.abs());
+            self.z.push(side);
+        }
+    }
+
+    fn bound(&self, rows: &Rows<'_>) -> f64 {
+        self.basis
+            .iter()
+            .zip(&self.y)
+            .map(|(b, &y)| match *b {
+                Basic::Box(..) => y,
+                Basic::Row(k, side) => {
+                    y * if side > 0.0 {
+                        rows.upper[k]
+                    } else {
+                        rows.lower[k]
+                    }
+                }
+            })
+            .sum()
+    }
+
+    /// The row, or side of the box, that z violates most relative to its norm.
+    fn most_violated(&self, rows: &Rows<'_>, skip: Option<(usize, bool)>) -> Option<(Basic, f64)> {
+        let mut worst = FEASIBILITY;
+        let mut found = None;
+        for (k, row) in rows.coefficients.chunks_exact(rows.width).enumerate() {
+            let value = dot(row, &self.z);
+            let above = (value - rows.upper[k]) * rows.inverse_norms[k];
+            let below = (-value - rows.lower[k]) * rows.inverse_norms[k];
+            if above > worst && skip != Some((k, true)) {
+                worst = above;
+                found = Some((Basic::Row(k, 1.0), value - rows.upper[k]));
+            }
+            if below > worst && skip != Some((k, false)) {
+                worst = below;
+                found = Some((Basic::Row(k, -1.0), -value - rows.lower[k]));
+            }
+        }
+        for (j, &zj) in self.z.iter().enumerate() {
+            if zj.abs() - 1.0 > worst {
+                worst = zj.abs() - 1.0;
+                found = Some((Basic::Box(j, zj.signum()), worst));
+            }
+        }
+        found
+    }
+
+    /// Exchanges the entering row for the one whose multiplier reaches zero first. False when no row can leave,
+    /// which exact arithmetic excludes: the origin is feasible.
+    fn pivot(&mut self, rows: &Rows<'_>, entering: Basic, violation: f64) -> bool {
+        let d = rows.width;
+        // α = B⁻ᵀ r: the entering row as a combination of the basic ones.
+        let mut largest = 0.0_f64;
+        for (c, column) in self.inverse.chunks_exact(d).enumerate() {
+            let a = match entering {
+                Basic::Row(k, side) => side * dot(rows.row(k), column),
+                Basic::Box(j, side) => side * column[j],
+            };
+            self.alpha[c] = a;
+            largest = largest.max(a.abs());
+        }
+        let mut leaving = None;
+        let mut step = f64::INFINITY;
+        for (c, &a) in self.alpha.iter().enumerate() {
+            if a > PIVOT * largest {
+                let ratio = self.y[c] / a;
+                let better = match leaving {
+                    None => true,
+                    Some(l) => ratio < step - TIE || (ratio < step + TIE && a > self.alpha[l]),
+                };
+                if better {
+                    step = ratio;
+                    leaving = Some(c);
+                }
+            }
+        }
+        let Some(l) = leaving else { return false };
+        let pivot = self.alpha[l];
+        for (c, y) in self.y.iter_mut().enumerate() {
+            *y = (*y - step * self.alpha[c]).max(0.0);
+        }
+        self.y[l] = step.max(0.0);
+        self.basis[l] = entering;
+        let (before, rest) = self.inverse.split_at_mut(l * d);
+        let (column, after) = rest.split_at_mut(d);
+        for v in column.iter_mut() {
+            *v /= pivot;
+        }
+        for (z, v) in self.z.iter_mut().zip(column.iter()) {
+            *z -= violation * v;
+        }
+        let others = before.chunks_exact_mut(d).zip(&self.alpha[..l]);
+        let others = others.chain(after.chunks_exact_mut(d).zip(&self.alpha[l + 1..]));
+        for (other, &a) in others {
+            if a != 0.0 {
+                for (o, v) in other.iter_mut().zip(column.iter()) {
+                    *o -= a * v;
+                }
+            }
+        }
+        true
+    }
+}
