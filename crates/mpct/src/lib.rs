@@ -7,18 +7,25 @@
 //! Data flow one way, and a later stage can only be built from an earlier one:
 //! [`Problem`] → `TerminalIngredients` → `Controller` → closed loop.
 
+mod control;
 mod error;
 mod linalg;
 mod lqr;
 mod matrix;
+mod optimization;
 pub mod problem;
+pub mod simulation;
 mod steady_state;
 pub mod terminal;
 
+pub use control::{AdmissibleSetPoint, CondensedQp, Controller, SetPoint, Step, StepStatus};
 pub use error::{DesignError, StepError};
 pub use matrix::{Matrix, SparseMatrix};
 pub use problem::{
     Constraints, Formulation, OperatingPoint, Plant, Problem, RowSource, Task, Weight, Weights,
+};
+pub use simulation::{
+    Disturbance, Run, RunStep, ScheduledSetPoint, Simulation, SimulationError, Summary, simulate,
 };
 pub use steady_state::SteadyStates;
 pub use terminal::{Condition, DesignOptions, MaximalAdmissibleSet, Progress, TerminalIngredients};

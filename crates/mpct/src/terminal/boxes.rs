@@ -51,6 +51,16 @@ impl Boxes {
         Ok(boxes)
     }
 
+    /// The box of the same system with any one row relaxed to twice its bound: what a row may reach when it is left out
+    /// to see whether the others imply it. If a point of the others breaks the row at all, the segment to the origin has
+    /// one that breaks it by less than a factor of two.
+    pub(super) fn doubled(&self) -> Self {
+        Self {
+            beta: self.beta.iter().map(|b| 2.0 * b).collect(),
+            valid: self.valid.clone(),
+        }
+    }
+
     /// Bounds that stand in the problem: a row with one entry in e, or in θ.
     fn read_off(&mut self, system: &Augmented) {
         let n = system.states;

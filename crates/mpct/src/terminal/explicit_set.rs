@@ -8,7 +8,6 @@ use super::boxes::Boxes;
 use super::support::{RowId, Side, Support};
 use crate::error::DesignError;
 use crate::matrix::SparseMatrix;
-use crate::problem::Problem;
 use crate::steady_state::SteadyStates;
 
 /// A polytope {(x, θ) : G (x, θ) ≤ 1} of dimension n + m for tracking, n for regulation, without redundant rows.
@@ -36,7 +35,7 @@ impl MaximalAdmissibleSet {
         &self.rows
     }
 
-    /// Where row k comes from: the constraint row (an index of [`Problem::rows`]) and the step of the terminal law, or
+    /// Where row k comes from: the constraint row (an index of [`Problem::rows`](crate::Problem::rows)) and the step of the terminal law, or
     /// `None` for θ ∈ λΘ.
     pub fn origin(&self, k: usize) -> (usize, Option<usize>) {
         self.origin[k]
@@ -57,7 +56,6 @@ impl MaximalAdmissibleSet {
 }
 
 pub(super) fn irredundant(
-    problem: &Problem,
     system: &mut Augmented,
     boxes: &Boxes,
     steady: &SteadyStates,
@@ -98,7 +96,6 @@ pub(super) fn irredundant(
             in_state_coordinates(&z, scale, n, system.parameters, steady)
         })
         .collect();
-    let _ = problem;
     Ok(MaximalAdmissibleSet {
         rows: SparseMatrix::from_row_lists(lists.len(), n + system.parameters, lists),
         states: n,

@@ -240,9 +240,8 @@ impl TerminalIngredients {
         let mut system = self.augmented();
         let boxes = Boxes::of(&mut system)?;
         explicit_set::irredundant(
-            &self.problem,
             &mut system,
-            &boxes,
+            &boxes.doubled(),
             &self.steady_states,
             &self.spent,
         )

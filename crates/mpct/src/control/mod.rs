@@ -1,0 +1,10 @@
+//! The controller: one quadratic program a step.
+
+mod controller;
+mod prediction;
+mod set_point;
+
+pub use controller::{CondensedQp, Controller, Step, StepStatus};
+pub use set_point::{AdmissibleSetPoint, SetPoint};
+
+pub(crate) use set_point::weighted_square;

@@ -1,0 +1,225 @@
+//! Set-points, and the admissible equilibrium closest to one.
+
+use crate::error::DesignError;
+use crate::linalg::{self, Dense};
+use crate::matrix::SparseMatrix;
+use crate::optimization::{Failure, PreparedQp};
+use crate::problem::plant::check_vector;
+use crate::problem::{Problem, RowSource};
+use crate::steady_state::SteadyStates;
+
+/// A set-point (x_s^r, u_s^r) in physical coordinates.
+///
+/// The input takes part in the offset cost only when `O_input` is stated, or to choose among equilibria with the same
+/// state. It need not be an equilibrium, nor admissible.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SetPoint {
+    /// x_s^r, length n.
+    pub state: Vec<f64>,
+    /// u_s^r, length m; the operating point's input unless stated.
+    pub input: Option<Vec<f64>>,
+}
+
+impl SetPoint {
+    /// A set-point for the state.
+    pub fn state(state: impl Into<Vec<f64>>) -> Self {
+        Self {
+            state: state.into(),
+            input: None,
+        }
+    }
+}
+
+impl From<Vec<f64>> for SetPoint {
+    fn from(state: Vec<f64>) -> Self {
+        Self { state, input: None }
+    }
+}
+
+/// The admissible equilibrium closest to a set-point in the offset cost, in physical coordinates.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AdmissibleSetPoint {
+    /// Its state.
+    pub state: Vec<f64>,
+    /// Its input.
+    pub input: Vec<f64>,
+    /// θ.
+    pub parameter: Vec<f64>,
+    /// ‖x_s − x_s^r‖²_O + ‖u_s − u_s^r‖²_{O_input}.
+    pub offset_cost: f64,
+    /// Whether the set-point itself is admissible: an equilibrium inside λ times the constraints.
+    pub admissible: bool,
+    /// The rows of λΘ that are active there.
+    pub limiting: Vec<RowSource>,
+}
+
+/// Weight, relative to R, by which the input of least distance is chosen among equilibria with equal states. Small
+/// enough not to move a state: the offset cost outweighs it by the ratio of O to this times R.
+const TIE_BREAK: f64 = 1e-6;
+/// A singular value of M_θx below this, relative to the largest, means equilibria that differ in the input alone.
+const SAME_STATE: f64 = 1e-9;
+/// An offset cost at most this, relative to the weight times the size of the set-point squared, is zero: the square of
+/// the distance at which closed loops are said to have arrived, 1e-6, less two digits.
+const ADMISSIBLE: f64 = 1e-14;
+/// A row of λΘ is limiting when its slack is below this (right-hand sides are 1).
+const ACTIVE: f64 = 1e-7;
+
+/// The offset cost as a quadratic in θ: ½ θᵀ H θ − (F_x x_r + F_u u_r)ᵀ θ + const, all in shifted coordinates.
+#[derive(Clone, Debug)]
+pub(crate) struct OffsetCost {
+    /// 2 (M_θxᵀ O M_θx + M_θuᵀ T M_θu).
+    pub(crate) hessian: Dense,
+    /// 2 M_θxᵀ O, m × n.
+    pub(crate) from_state: Dense,
+    /// 2 M_θuᵀ T, m × m.
+    pub(crate) from_input: Dense,
+}
+
+impl OffsetCost {
+    pub(crate) fn of(problem: &Problem, steady: &SteadyStates) -> Result<Self, DesignError> {
+        let mx = linalg::dense(steady.state_basis());
+        let mu = linalg::dense(steady.input_basis());
+        let o = linalg::dense(problem.offset_weight());
+        let mut t = linalg::dense(problem.offset_input_weight());
+        if let Some(tie) = tie_break(problem, &mx, &mu)? {
+            t = &t + tie;
+        }
+        let two = faer::Scale(2.0);
+        let from_state = mx.transpose() * &o * two;
+        let from_input = mu.transpose() * &t * two;
+        Ok(Self {
+            hessian: linalg::symmetrised(&(&from_state * &mx + &from_input * &mu)),
+            from_state,
+            from_input,
+        })
+    }
+}
+
+/// The weight TIE_BREAK · Pᵀ R P with P the projection on the inputs that leave the equilibrium state alone; `None`
+/// when M_θx has full column rank.
+fn tie_break(problem: &Problem, mx: &Dense, mu: &Dense) -> Result<Option<Dense>, DesignError> {
+    let m = mx.ncols();
+    // Large plants with one equilibrium state an input are the rule; a Cholesky factorisation tells at once.
+    let gram = mx.transpose() * mx;
+    let scale: Vec<f64> = (0..m).map(|j| gram[(j, j)].sqrt()).collect();
+    if scale.iter().all(|&s| s > 0.0) {
+        let correlation = Dense::from_fn(m, m, |i, j| {
+            gram[(i, j)] / (scale[i] * scale[j]) - if i == j { SAME_STATE } else { 0.0 }
+        });
+        if linalg::cholesky("M_θx", &correlation).is_ok() {
+            return Ok(None);
+        }
+    }
+    // Square root of O weighs the states: singular values then say what the offset cost sees.
+    let n = mx.nrows();
+    let scaled = Dense::from_fn(n.max(m), m, |i, j| {
+        if i < n {
+            mx[(i, j)] * problem.offset_weight().get(i, i).sqrt()
+        } else {
+            0.0
+        }
+    });
+    let (_, s, v) = linalg::svd("M_θx", &scaled)?;
+    let largest = s.first().copied().unwrap_or(0.0);
+    let kernel: Vec<usize> = (0..m).filter(|&k| !(s[k] > SAME_STATE * largest)).collect();
+    if kernel.is_empty() {
+        return Ok(None);
+    }
+    let free = Dense::from_fn(m, kernel.len(), |i, k| v[(i, kernel[k])]);
+    let (u, _, _) = linalg::svd("M_θu", &(mu * free))?;
+    let basis = u.submatrix(0, 0, m, kernel.len()).to_owned();
+    let projection = &basis * basis.transpose();
+    let r = linalg::dense(problem.input_weight());
+    Ok(Some(
+        projection.transpose() * r * &projection * faer::Scale(TIE_BREAK),
+    ))
+}
+
+/// ‖x − x_r‖²_W for sparse W.
+pub(crate) fn weighted_square(w: &SparseMatrix, difference: &[f64]) -> f64 {
+    w.mul_vec(difference)
+        .iter()
+        .zip(difference)
+        .map(|(a, b)| a * b)
+        .sum()
+}
+
+fn subtract(a: &[f64], b: &[f64]) -> Vec<f64> {
+    a.iter().zip(b).map(|(a, b)| a - b).collect()
+}
+
+fn add(a: &[f64], b: &[f64]) -> Vec<f64> {
+    a.iter().zip(b).map(|(a, b)| a + b).collect()
+}
+
+impl SteadyStates {
+    /// The admissible equilibrium closest to a set-point: the minimum of the offset cost over θ ∈ λΘ.
+    ///
+    /// # Errors
+    /// [`DesignError::Shape`], [`DesignError::NotFinite`] for the set-point; [`DesignError::Solver`].
+    pub fn closest_admissible(
+        &self,
+        problem: &Problem,
+        set_point: &SetPoint,
+    ) -> Result<AdmissibleSetPoint, DesignError> {
+        let (n, m) = (problem.plant().states(), problem.plant().inputs());
+        check_vector("set-point state", &set_point.state, n)?;
+        let at = problem.plant().operating_point();
+        let xr = subtract(&set_point.state, &at.state);
+        let ur = match &set_point.input {
+            Some(u) => {
+                check_vector("set-point input", u, m)?;
+                subtract(u, &at.input)
+            }
+            None => vec![0.0; m],
+        };
+        let cost = OffsetCost::of(problem, self)?;
+        let rows = problem.rows();
+        let w = rows
+            .c
+            .mul(self.state_basis())
+            .combine(1.0, &rows.d.mul(self.input_basis()), 1.0);
+        let scaling = problem.scaling();
+        let g = linalg::dense(&w) * faer::Scale(1.0 / scaling);
+        let fx = &cost.from_state * Dense::from_fn(n, 1, |i, _| xr[i]);
+        let fu = &cost.from_input * Dense::from_fn(m, 1, |i, _| ur[i]);
+        let f: Vec<f64> = (0..m).map(|i| -fx[(i, 0)] - fu[(i, 0)]).collect();
+        let qp = PreparedQp::new("the offset cost", cost.hessian, g)?;
+        let solution =
+            qp.solve(&f, &vec![1.0; rows.len()])
+                .map_err(|failure| DesignError::Solver {
+                    what: "the closest admissible equilibrium".into(),
+                    detail: match failure {
+                        Failure::Infeasible(_) => {
+                            "said to be infeasible, though θ = 0 is admissible".into()
+                        }
+                        Failure::Unsolved { residual, .. } => {
+                            format!("largest residual {residual:.3e}")
+                        }
+                    },
+                })?;
+        let theta = solution.z;
+        let (xs, us) = (
+            self.state_basis().mul_vec(&theta),
+            self.input_basis().mul_vec(&theta),
+        );
+        let (dx, du) = (subtract(&xs, &xr), subtract(&us, &ur));
+        let offset_cost = weighted_square(problem.offset_weight(), &dx)
+            + weighted_square(problem.offset_input_weight(), &du);
+        let size = weighted_square(problem.offset_weight(), &xr)
+            + weighted_square(problem.offset_input_weight(), &ur);
+        let limiting = (0..rows.len())
+            .filter(|&i| w.row_dot(i, &theta) >= scaling * (1.0 - ACTIVE))
+            .map(|i| rows.source[i])
+            .collect();
+        Ok(AdmissibleSetPoint {
+            state: add(&xs, &at.state),
+            input: add(&us, &at.input),
+            admissible: offset_cost <= ADMISSIBLE * size.max(f64::MIN_POSITIVE)
+                || offset_cost == 0.0,
+            parameter: theta,
+            offset_cost,
+            limiting,
+        })
+    }
+}
