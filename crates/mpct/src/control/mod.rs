@@ -8,3 +8,6 @@ pub use controller::{CondensedQp, Controller, Step, StepStatus};
 pub use set_point::{AdmissibleSetPoint, SetPoint};
 
 pub(crate) use set_point::weighted_square;
+
+#[cfg(test)]
+mod prediction_tests;
