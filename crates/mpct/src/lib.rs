@@ -21,6 +21,7 @@ pub mod terminal;
 pub use control::{AdmissibleSetPoint, CondensedQp, Controller, SetPoint, Step, StepStatus};
 pub use error::{DesignError, StepError};
 pub use matrix::{Matrix, SparseMatrix};
+pub use problem::file::{FileError, ProblemFile};
 pub use problem::{
     Constraints, Formulation, OperatingPoint, Plant, Problem, RowSource, Task, Weight, Weights,
 };

@@ -126,7 +126,7 @@ pub struct Run {
 }
 
 impl Simulation {
-    fn check(&self, n: usize, m: usize) -> Result<(), DesignError> {
+    pub(crate) fn check(&self, n: usize, m: usize) -> Result<(), DesignError> {
         check_vector("simulation.initial_state", &self.initial_state, n)?;
         let range = |what: String, expected: &str, found: String| DesignError::OutOfRange {
             what,

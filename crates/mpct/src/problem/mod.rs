@@ -2,6 +2,7 @@
 
 mod constraints;
 mod discretise;
+pub mod file;
 pub(crate) mod plant;
 mod weights;
 

@@ -1,0 +1,348 @@
+//! Problem files: TOML in, TOML out.
+//!
+//! ```
+//! let text = r#"
+//! [plant]
+//! A = [[1.0, 1.0], [0.0, 1.0]]
+//! B = [[0.0, 0.5], [1.0, 0.5]]
+//! [constraints]
+//! state_lower = [-3.0, -3.0]
+//! state_upper = [3.0, 3.0]
+//! input_lower = [-2.0, -2.0]
+//! input_upper = [2.0, 2.0]
+//! [weights]
+//! Q = 10.0
+//! R = 100.0
+//! O = 1e4
+//! "#;
+//! let file = mpct::ProblemFile::parse(text, std::path::Path::new("."))?;
+//! assert_eq!(file.problem.plant().states(), 2);
+//! assert_eq!(mpct::ProblemFile::parse(&file.to_toml(), std::path::Path::new("."))?, file);
+//! # Ok::<(), mpct::FileError>(())
+//! ```
+
+mod error;
+mod reader;
+mod writer;
+
+pub use error::FileError;
+
+use super::{Constraints, Formulation, Plant, Problem, Task, Weights};
+use crate::control::SetPoint;
+use crate::matrix::{Matrix, SparseMatrix};
+use crate::simulation::{Disturbance, ScheduledSetPoint, Simulation};
+use reader::Section;
+use std::io::Read;
+use std::path::Path;
+
+/// Largest file that is read. Ten thousand carts in sparse form take about 6 MB.
+pub const SIZE_LIMIT: u64 = 256 << 20;
+/// Bytes looked at before the rest of a file is read: garbage shows at once.
+const FIRST_LOOK: usize = 64 << 10;
+
+/// A problem and, when the file has a `[simulation]`, what to simulate.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ProblemFile {
+    /// The problem.
+    pub problem: Problem,
+    /// The simulation.
+    pub simulation: Option<Simulation>,
+}
+
+impl ProblemFile {
+    /// Reads a problem file. Files that it names are looked up relative to it.
+    ///
+    /// # Errors
+    /// Every variant of [`FileError`].
+    pub fn read(path: &Path) -> Result<Self, FileError> {
+        let text = read_text(path)?;
+        Self::parse(&text, path.parent().unwrap_or(Path::new(".")))
+    }
+
+    /// Parses the text of a problem file; `folder` is where files that it names are looked up.
+    ///
+    /// # Errors
+    /// Every variant of [`FileError`].
+    pub fn parse(text: &str, folder: &Path) -> Result<Self, FileError> {
+        let table: toml::Table = text.parse().map_err(|e: toml::de::Error| {
+            let (line, column) = position(text, e.span().map_or(0, |s| s.start));
+            FileError::Syntax {
+                line,
+                column,
+                message: e.message().trim().replace('\n', ", "),
+            }
+        })?;
+        let root = Section::root(&table, folder);
+        root.only(&[
+            "name",
+            "plant",
+            "constraints",
+            "weights",
+            "controller",
+            "simulation",
+        ])?;
+        let problem = problem(&root)?;
+        let simulation = match root.section("simulation")? {
+            Some(section) => Some(simulation(&section, &problem)?),
+            None => None,
+        };
+        Ok(Self {
+            problem,
+            simulation,
+        })
+    }
+
+    /// The text of a self-contained problem file that parses to the same.
+    pub fn to_toml(&self) -> String {
+        writer::write(self)
+    }
+}
+
+fn position(text: &str, offset: usize) -> (usize, usize) {
+    let before = &text.as_bytes()[..offset.min(text.len())];
+    let line = before.iter().filter(|&&b| b == b'\n').count() + 1;
+    let column = before.len()
+        - before
+            .iter()
+            .rposition(|&b| b == b'\n')
+            .map_or(0, |p| p + 1)
+        + 1;
+    (line, column)
+}
+
+fn read_text(path: &Path) -> Result<String, FileError> {
+    let name = path.display().to_string();
+    let unreadable = |e: std::io::Error| FileError::Unreadable {
+        path: name.clone(),
+        reason: e.to_string(),
+    };
+    let mut file = std::fs::File::open(path).map_err(unreadable)?;
+    let bytes = file.metadata().map_err(unreadable)?.len();
+    if bytes > SIZE_LIMIT {
+        return Err(FileError::TooLarge {
+            path: name,
+            bytes,
+            limit: SIZE_LIMIT,
+        });
+    }
+    let mut content = Vec::new();
+    Read::by_ref(&mut file)
+        .take(FIRST_LOOK as u64)
+        .read_to_end(&mut content)
+        .map_err(unreadable)?;
+    let not_text = |offset| FileError::NotText {
+        path: name.clone(),
+        offset,
+    };
+    if let Some(offset) = content.iter().position(|&b| b == 0) {
+        return Err(not_text(offset));
+    }
+    if let Err(e) = std::str::from_utf8(&content) {
+        // A character may be cut at the end of the first block.
+        if e.error_len().is_some() || content.len() < FIRST_LOOK {
+            return Err(not_text(e.valid_up_to()));
+        }
+    }
+    file.take(SIZE_LIMIT)
+        .read_to_end(&mut content)
+        .map_err(unreadable)?;
+    String::from_utf8(content).map_err(|e| not_text(e.utf8_error().valid_up_to()))
+}
+
+/// A matrix of numbers without header, comma separated.
+fn csv_matrix(path: &Path) -> Result<SparseMatrix, FileError> {
+    let text = read_text(path)?;
+    let name = path.display().to_string();
+    let bad = |line: usize, message: String| FileError::Csv {
+        path: name.clone(),
+        line,
+        message,
+    };
+    let mut reader = csv::ReaderBuilder::new()
+        .has_headers(false)
+        .flexible(true)
+        .comment(Some(b'#'))
+        .trim(csv::Trim::All)
+        .from_reader(text.as_bytes());
+    let (mut data, mut rows, mut width) = (Vec::new(), 0, 0);
+    for record in reader.records() {
+        let record = record.map_err(|e| {
+            let line = e.position().map_or(0, |p| p.line() as usize);
+            bad(line, e.to_string())
+        })?;
+        let line = record.position().map_or(0, |p| p.line() as usize);
+        if rows == 0 {
+            width = record.len();
+        } else if record.len() != width {
+            return Err(bad(
+                line,
+                format!("{} numbers, the first line has {width}", record.len()),
+            ));
+        }
+        for (j, field) in record.iter().enumerate() {
+            let value = field.parse::<f64>().map_err(|_| {
+                bad(
+                    line,
+                    format!("column {}: \"{field}\" is not a number", j + 1),
+                )
+            })?;
+            data.push(value);
+        }
+        rows += 1;
+    }
+    Ok(Matrix::new(rows, width, data)?.into())
+}
+
+fn problem(root: &Section<'_>) -> Result<Problem, FileError> {
+    let plant = plant(&root.need_section("plant", "the plant, with A and B")?)?;
+    let (n, m) = (plant.states(), plant.inputs());
+    let constraints = constraints(
+        &root.need_section("constraints", "bounds on states and inputs")?,
+        n,
+        m,
+    )?;
+    let section = root.need_section("weights", "the weights Q, R and O")?;
+    section.only(&["Q", "R", "O", "O_input"])?;
+    let mut weights = Weights::new(
+        section.need_weight("Q", "weight of the states in the stage cost")?,
+        section.need_weight("R", "weight of the inputs in the stage cost")?,
+        section.need_weight("O", "weight of the offset cost")?,
+    );
+    weights.offset_input = section.weight("O_input")?;
+    let mut problem = Problem::new(plant, constraints, weights)?;
+    if let Some(name) = root.text("name")? {
+        problem = problem.with_name(name);
+    }
+    let Some(section) = root.section("controller")? else {
+        return Ok(problem);
+    };
+    section.only(&[
+        "task",
+        "formulation",
+        "prediction_horizon",
+        "scaling",
+        "gain",
+    ])?;
+    let tasks = [
+        ("tracking", Task::Tracking),
+        ("regulation", Task::Regulation),
+    ];
+    if let Some(task) = section.choice("task", &tasks)? {
+        problem = problem.with_task(task);
+    }
+    let formulations = [
+        ("implicit", Formulation::Implicit),
+        ("explicit", Formulation::Explicit),
+    ];
+    if let Some(formulation) = section.choice("formulation", &formulations)? {
+        problem = problem.with_formulation(formulation);
+    }
+    if let Some(steps) = section.whole("prediction_horizon")? {
+        problem = problem.with_prediction_horizon(steps)?;
+    }
+    if let Some(scaling) = section.number("scaling")? {
+        problem = problem.with_scaling(scaling)?;
+    }
+    if let Some(gain) = section.matrix("gain")? {
+        problem = problem.with_gain(gain.to_dense())?;
+    }
+    Ok(problem)
+}
+
+fn plant(section: &Section<'_>) -> Result<Plant, FileError> {
+    section.only(&["A", "B", "continuous", "sampling_time", "operating_point"])?;
+    let a = section.need_matrix("A", "the matrix A of x+ = A x + B u, n x n")?;
+    let b = section.need_matrix("B", "the matrix B of x+ = A x + B u, n x m")?;
+    let sampling_time = section.number("sampling_time")?;
+    let mut plant = if section.flag("continuous")?.unwrap_or(false) {
+        let time = sampling_time.ok_or_else(|| FileError::MissingKey {
+            key: section.key("sampling_time"),
+            meaning: "the sampling time in seconds, needed because the plant is continuous".into(),
+        })?;
+        Plant::continuous(a, b, time)?
+    } else {
+        let plant = Plant::discrete(a, b)?;
+        match sampling_time {
+            Some(time) => plant.with_sampling_time(time)?,
+            None => plant,
+        }
+    };
+    if let Some(at) = section.section("operating_point")? {
+        at.only(&["state", "input"])?;
+        let (n, m) = (plant.states(), plant.inputs());
+        let state = at.vector("state")?.unwrap_or_else(|| vec![0.0; n]);
+        let input = at.vector("input")?.unwrap_or_else(|| vec![0.0; m]);
+        plant = plant.with_operating_point(state, input)?;
+    }
+    Ok(plant)
+}
+
+fn constraints(section: &Section<'_>, n: usize, m: usize) -> Result<Constraints, FileError> {
+    section.only(&[
+        "state_lower",
+        "state_upper",
+        "input_lower",
+        "input_upper",
+        "mixed",
+    ])?;
+    let side = |name: &str, len: usize, free: f64| -> Result<Vec<f64>, FileError> {
+        Ok(section.vector(name)?.unwrap_or_else(|| vec![free; len]))
+    };
+    let (inf, neg) = (f64::INFINITY, f64::NEG_INFINITY);
+    let mut constraints = Constraints::new(n, m)
+        .state_bounds(&side("state_lower", n, neg)?, &side("state_upper", n, inf)?)?
+        .input_bounds(&side("input_lower", m, neg)?, &side("input_upper", m, inf)?)?;
+    for mixed in section.sections("mixed")? {
+        mixed.only(&["C", "D", "d"])?;
+        let d = mixed.need_vector("d", "the right-hand sides of C x + D u <= d")?;
+        let c_matrix = mixed.matrix("C")?;
+        let d_matrix = mixed.matrix("D")?;
+        if c_matrix.is_none() && d_matrix.is_none() {
+            mixed.need_matrix("C", "the coefficients of the states in C x + D u <= d")?;
+        }
+        constraints = constraints.mixed(
+            c_matrix.unwrap_or_else(|| SparseMatrix::zeros(d.len(), n)),
+            d_matrix.unwrap_or_else(|| SparseMatrix::zeros(d.len(), m)),
+            d,
+        )?;
+    }
+    Ok(constraints)
+}
+
+fn simulation(section: &Section<'_>, problem: &Problem) -> Result<Simulation, FileError> {
+    section.only(&["initial_state", "steps", "setpoint", "disturbance"])?;
+    let initial_state = match section.vector("initial_state")? {
+        Some(x) => x,
+        None => problem.plant().operating_point().state.clone(),
+    };
+    let steps = section.need_whole("steps", "the number of steps to simulate")?;
+    let mut set_points = Vec::new();
+    for s in section.sections("setpoint")? {
+        s.only(&["from_step", "state", "input"])?;
+        set_points.push(ScheduledSetPoint {
+            from_step: s.whole("from_step")?.unwrap_or(0),
+            set_point: SetPoint {
+                state: s.need_vector("state", "the state part of the set-point")?,
+                input: s.vector("input")?,
+            },
+        });
+    }
+    let disturbance = match section.section("disturbance")? {
+        None => None,
+        Some(d) => {
+            d.only(&["bound", "seed"])?;
+            Some(Disturbance {
+                bound: d.need_vector("bound", "the largest disturbance of each state, >= 0")?,
+                seed: d.whole("seed")?.unwrap_or(0) as u64,
+            })
+        }
+    };
+    let simulation = Simulation {
+        initial_state,
+        steps,
+        set_points,
+        disturbance,
+    };
+    simulation.check(problem.plant().states(), problem.plant().inputs())?;
+    Ok(simulation)
+}
