@@ -116,7 +116,7 @@ fn value_axis(low: f64, high: f64, signal: &Signal) -> (Axis, String) {
     } else {
         format!("out of sight: {}", hidden.join(", "))
     };
-    (Axis::linear(bottom - pad, top + pad, 5), remark)
+    (Axis::linear(bottom - pad, top + pad, 7), remark)
 }
 
 /// The plot of one state or input.
@@ -261,9 +261,13 @@ pub fn figures(data: &ReportData, kind: Kind) -> (Vec<Figure>, String) {
     };
     let shown = out.len();
     let words = format!(
-        "{} {name} in {} groups of equal limits: the range of each group and its first members ({shown} plots{}). All values are in the CSV file.",
+        "{} {name} in {} of equal limits: the range of each group and its first members ({shown} plots{}). All values are in the CSV file.",
         signals.len(),
-        groups.len(),
+        if groups.len() == 1 {
+            "one group".into()
+        } else {
+            format!("{} groups", groups.len())
+        },
         if groups.len() > GROUPS {
             format!(", of the first {GROUPS} groups")
         } else {

@@ -6,6 +6,7 @@
 mod axis;
 mod closed_loop;
 mod data;
+mod from_run;
 mod numbers;
 mod page;
 mod panel;
@@ -14,4 +15,5 @@ mod svg;
 mod tests;
 
 pub use data::{DesignNumbers, ReportData, Signal, StepRecord};
+pub use from_run::Labels;
 pub use page::render;

@@ -29,7 +29,7 @@ pub fn cost(data: &ReportData) -> Option<Figure> {
         "optimal cost (no unit)",
     );
     for k in data.changes().into_iter().filter(|&k| k > 0) {
-        panel.mark(k as f64 * step, "");
+        panel.mark(k as f64 * step);
     }
     let positive = |v: f64| if v > 0.0 { v } else { f64::NAN };
     let total: Vec<f64> = data.steps.iter().map(|s| positive(s.cost)).collect();
@@ -75,7 +75,8 @@ pub fn solve_times(data: &ReportData) -> Option<Figure> {
     for (i, &count) in counts.iter().enumerate() {
         panel.bar(edges[i], edges[i + 1], count as f64);
     }
-    panel.mark(quantile(&values, 0.5), "median");
+    panel.mark(quantile(&values, 0.5));
+    panel.remark("dotted: median");
     Some(Figure {
         panel,
         description: format!("histogram of {} solve times", values.len()),

@@ -13,6 +13,8 @@ const STYLE: &str = include_str!("style.css");
 const ENTRIES: usize = 6;
 /// A rise of the cost below this part of it is rounding of the solver.
 const ROUNDING: f64 = 1e-6;
+/// A violation up to this counts as satisfied.
+const SATISFIED: f64 = 1e-8;
 
 /// One self-contained HTML page: no script, nothing loaded from elsewhere.
 pub fn render(data: &ReportData) -> String {
@@ -139,10 +141,16 @@ fn summary(data: &ReportData) -> String {
         ),
         (
             "Constraints",
-            if data.worst_violation > 0.0 {
-                format!("violated by {} at most", number(data.worst_violation))
-            } else {
-                "satisfied at every step".into()
+            match data.worst_violation {
+                v if !(v > 0.0) => "satisfied at every step".into(),
+                v if v <= SATISFIED => format!(
+                    "satisfied at every step (to {}, rounding included)",
+                    number(v)
+                ),
+                v => format!(
+                    "<span class=\"no\">violated by {} at most</span>",
+                    number(v)
+                ),
             },
         ),
         (

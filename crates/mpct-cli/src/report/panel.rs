@@ -9,7 +9,7 @@ pub const WIDTH: f64 = 540.0;
 /// Height of a plot in its own units.
 pub const HEIGHT: f64 = 200.0;
 const LEFT: f64 = 62.0;
-const RIGHT: f64 = 528.0;
+const RIGHT: f64 = 520.0;
 const TOP: f64 = 30.0;
 const BOTTOM: f64 = 158.0;
 
@@ -39,7 +39,6 @@ impl Style {
 pub struct Panel {
     x: Axis,
     y: Axis,
-    height: f64,
     body: String,
     head: String,
     titles: (String, String),
@@ -51,7 +50,6 @@ impl Panel {
         Self {
             x,
             y,
-            height: HEIGHT,
             body: String::new(),
             head: String::new(),
             titles: (x_title.into(), y_title.into()),
@@ -137,20 +135,12 @@ impl Panel {
         }
     }
 
-    /// A thin line across the height, with a name at its upper end when given.
-    pub fn mark(&mut self, x: f64, name: &str) {
+    /// A thin dotted line across the height.
+    pub fn mark(&mut self, x: f64) {
         let at = self.px(x);
-        if at.is_nan() {
-            return;
-        }
-        self.body.push_str(&format!(
-            r#"<path class="mark" d="M{at:.1} {TOP}V{BOTTOM}"/>"#
-        ));
-        if !name.is_empty() {
-            self.head.push_str(&format!(
-                r#"<text class="remark" x="{at:.1}" y="{}" text-anchor="middle">{}</text>"#,
-                TOP - 4.0,
-                escape(name)
+        if !at.is_nan() {
+            self.body.push_str(&format!(
+                r#"<path class="mark" d="M{at:.1} {TOP}V{BOTTOM}"/>"#
             ));
         }
     }
@@ -195,8 +185,7 @@ impl Panel {
     /// The plot as an `svg` element with a description for those who cannot see it.
     pub fn svg(&self, description: &str) -> String {
         format!(
-            r#"<svg viewBox="0 0 {WIDTH} {}" role="img" aria-label="{}">{}</svg>"#,
-            self.height,
+            r#"<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{}">{}</svg>"#,
             escape(description),
             self.inner()
         )
