@@ -1,2 +1,182 @@
-//! Development tasks: `cargo xtask test`.
-fn main() {}
+//! Development tasks: `cargo xtask test` runs every check of the workspace.
+
+use std::env;
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitCode};
+use std::time::{Duration, Instant};
+
+const USAGE: &str = "usage: cargo xtask test [--slow]
+
+  test         format, lints, documentation, tests and examples; stops at the first failure
+    --slow     also the tests marked as slow";
+
+/// A step: its name, the arguments of cargo, and what the environment adds.
+struct Step {
+    name: String,
+    arguments: Vec<String>,
+    environment: Vec<(&'static str, &'static str)>,
+}
+
+impl Step {
+    fn new(name: &str, arguments: &[&str]) -> Self {
+        Self {
+            name: name.into(),
+            arguments: arguments.iter().map(|a| (*a).into()).collect(),
+            environment: Vec::new(),
+        }
+    }
+
+    fn with(mut self, key: &'static str, value: &'static str) -> Self {
+        self.environment.push((key, value));
+        self
+    }
+
+    /// Runs the step in `root`; the exit code of a failure.
+    fn run(&self, root: &Path) -> Result<(), u8> {
+        let cargo = env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
+        let status = Command::new(cargo)
+            .args(&self.arguments)
+            .envs(self.environment.iter().copied())
+            .current_dir(root)
+            .status();
+        match status {
+            Ok(status) if status.success() => Ok(()),
+            // A step that was killed has no code.
+            Ok(status) => Err(status
+                .code()
+                .and_then(|c| u8::try_from(c).ok())
+                .filter(|c| *c > 0)
+                .unwrap_or(1)),
+            Err(error) => {
+                eprintln!("xtask: cargo cannot be started: {error}");
+                Err(1)
+            }
+        }
+    }
+}
+
+fn steps(slow: bool) -> Vec<Step> {
+    let mut steps = vec![
+        Step::new("format", &["fmt", "--all", "--check"]),
+        Step::new(
+            "lints",
+            &[
+                "clippy",
+                "--workspace",
+                "--all-targets",
+                "--",
+                "-D",
+                "warnings",
+            ],
+        ),
+        Step::new("tests", &["test", "--workspace", "--all-targets"]),
+        // Named apart because --all-targets leaves the examples in documentation out.
+        Step::new("documented examples", &["test", "--workspace", "--doc"]),
+        Step::new(
+            "documentation",
+            &[
+                "doc",
+                "--workspace",
+                "--no-deps",
+                "--document-private-items",
+            ],
+        )
+        .with("RUSTDOCFLAGS", "-D warnings"),
+    ];
+    if slow {
+        steps.insert(
+            4,
+            Step::new(
+                "slow tests",
+                &["test", "--workspace", "--", "--ignored", "slow"],
+            ),
+        );
+    }
+    steps
+}
+
+/// The steps that run each Rust example of each crate.
+fn examples(root: &Path) -> Vec<Step> {
+    let mut found = Vec::new();
+    for package in ["mpct", "mpct-cli"] {
+        let folder = root.join("crates").join(package).join("examples");
+        let Ok(entries) = folder.read_dir() else {
+            continue;
+        };
+        for path in entries.flatten().map(|e| e.path()) {
+            if path.extension().is_some_and(|e| e == "rs")
+                && let Some(name) = path.file_stem().and_then(|n| n.to_str())
+            {
+                found.push(Step::new(
+                    &format!("example {name}"),
+                    &["run", "--quiet", "--package", package, "--example", name],
+                ));
+            }
+        }
+    }
+    found.sort_by(|a, b| a.name.cmp(&b.name));
+    found
+}
+
+fn test(slow: bool) -> Result<(), u8> {
+    let root = workspace();
+    let mut all = steps(slow);
+    all.extend(examples(&root));
+    let mut done: Vec<(String, Duration)> = Vec::new();
+    let total = Instant::now();
+    for (i, step) in all.iter().enumerate() {
+        eprintln!(
+            "\n== {} ({} of {}): cargo {}",
+            step.name,
+            i + 1,
+            all.len(),
+            step.arguments.join(" ")
+        );
+        let start = Instant::now();
+        let result = step.run(&root);
+        done.push((step.name.clone(), start.elapsed()));
+        if let Err(code) = result {
+            summary(&done, total.elapsed());
+            eprintln!("failed: {} (exit code {code})", step.name);
+            return Err(code);
+        }
+    }
+    summary(&done, total.elapsed());
+    eprintln!("all {} steps passed", done.len());
+    Ok(())
+}
+
+fn summary(done: &[(String, Duration)], total: Duration) {
+    eprintln!();
+    for (name, time) in done {
+        eprintln!("{:8.1} s  {name}", time.as_secs_f64());
+    }
+    eprintln!("{:8.1} s  in all", total.as_secs_f64());
+}
+
+/// The folder above this package.
+fn workspace() -> PathBuf {
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    here.parent().unwrap_or(here).to_path_buf()
+}
+
+fn main() -> ExitCode {
+    let arguments: Vec<String> = env::args().skip(1).collect();
+    let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
+    let result = match words.as_slice() {
+        ["test"] => test(false),
+        ["test", "--slow"] => test(true),
+        ["help" | "--help" | "-h"] => {
+            println!("{USAGE}");
+            Ok(())
+        }
+        _ => {
+            eprintln!("{USAGE}");
+            Err(2)
+        }
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(code) => ExitCode::from(code),
+    }
+}

@@ -1,2 +1,3 @@
 //! The command `mpct`.
+mod report;
 fn main() {}

@@ -1,0 +1,19 @@
+//! The report of a closed loop: one HTML page with its plots inside, for people.
+//!
+//! [`ReportData`] is plain data; [`render`] draws it. The plots are SVG written here: with classes instead of
+//! colours, one style sheet serves light, dark and printed pages.
+
+mod axis;
+mod closed_loop;
+mod data;
+mod from_run;
+mod numbers;
+mod page;
+mod panel;
+mod svg;
+#[cfg(test)]
+mod tests;
+
+pub use data::{DesignNumbers, ReportData, Signal, StepRecord};
+pub use from_run::Labels;
+pub use page::render;

@@ -1,0 +1,448 @@
+//! The page: words, tables and figures in the order in which an engineer asks for them.
+
+use super::axis::{duration, number};
+use super::closed_loop::{Figure, Kind, figures};
+use super::data::{ReportData, Segment, quantile};
+use super::numbers;
+use super::panel::Style;
+use super::svg::escape;
+use std::fmt::Write;
+
+const STYLE: &str = include_str!("style.css");
+/// Entries of a set-point written out in the table.
+const ENTRIES: usize = 6;
+/// A rise of the cost below this part of it is rounding of the solver.
+const ROUNDING: f64 = 1e-6;
+/// A violation up to this counts as satisfied.
+const SATISFIED: f64 = 1e-8;
+
+/// One self-contained HTML page: no script, nothing loaded from elsewhere.
+pub fn render(data: &ReportData) -> String {
+    let name = if data.name.is_empty() {
+        "closed loop"
+    } else {
+        &data.name
+    };
+    let mut body = format!("<h1>{}</h1>\n", escape(name));
+    body.push_str(&paragraph(&problem_words(data)));
+    section(&mut body, "Summary", &summary(data));
+    section(&mut body, "Guarantees", &guarantees(data));
+    section(&mut body, "Closed loop", &closed_loop(data));
+    section(&mut body, "Cost", &cost(data));
+    section(&mut body, "Solve times", &solve_times(data));
+    section(&mut body, "Terminal horizon", &horizon(data));
+    format!(
+        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<meta name=\"color-scheme\" content=\"light dark\">\n<title>{}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n{body}<footer>mpct {}. Equation numbers: Luque, Chanfreut, Limón, Maestre, Model predictive control for tracking with implicit invariant sets, Automatica 179 (2025) 112436.</footer>\n</body>\n</html>\n",
+        escape(name),
+        env!("CARGO_PKG_VERSION")
+    )
+}
+
+fn section(body: &mut String, title: &str, content: &str) {
+    write!(body, "<section>\n<h2>{title}</h2>\n{content}</section>\n").unwrap_or(());
+}
+
+fn paragraph(words: &str) -> String {
+    format!("<p>{words}</p>\n")
+}
+
+/// "1 state", "2 states".
+fn count(n: usize, one: &str) -> String {
+    format!("{n} {one}{}", if n == 1 { "" } else { "s" })
+}
+
+fn problem_words(data: &ReportData) -> String {
+    let d = &data.design;
+    let mut words = format!(
+        "A plant with {} and {}",
+        count(data.states.len(), "state"),
+        count(data.inputs.len(), "input")
+    );
+    if data.time_unit() == "s" {
+        let how = if data.continuous {
+            "discretised with a zero-order hold of"
+        } else {
+            "sampled every"
+        };
+        write!(words, ", {how} {} s", number(data.step_length())).unwrap_or(());
+    }
+    write!(
+        words,
+        ", under {}. The {} controller for {} predicts N = {} steps; its set-points are kept in λΘ with λ = {}.",
+        count(d.constraint_rows, "constraint row"),
+        escape(&d.formulation),
+        escape(&d.task),
+        d.prediction_horizon,
+        number(d.scaling)
+    )
+    .unwrap_or(());
+    if !d.weights.is_empty() {
+        write!(words, " Weights: {}.", escape(&d.weights)).unwrap_or(());
+    }
+    let segments = data.segments();
+    let refused = segments.iter().filter(|s| !s.admissible).count();
+    write!(
+        words,
+        " The run has {}{} and {}, {} admissible{}.",
+        count(data.steps.len(), "step"),
+        if data.time_unit() == "s" {
+            format!(
+                " ({} s)",
+                number(data.steps.len() as f64 * data.step_length())
+            )
+        } else {
+            String::new()
+        },
+        count(segments.len(), "set-point"),
+        match (refused, segments.len()) {
+            (0, 1) => "which is".into(),
+            (0, _) => "all of them".into(),
+            (r, n) if r == n => "none of them".into(),
+            (r, n) => format!("{} of them", n - r),
+        },
+        if data.disturbed {
+            ", under a bounded disturbance"
+        } else {
+            ""
+        }
+    )
+    .unwrap_or(());
+    words
+}
+
+fn rows(pairs: &[(&str, String)]) -> String {
+    let mut out = String::from("<table>\n");
+    for (name, value) in pairs {
+        writeln!(out, "<tr><th>{name}</th><td>{value}</td></tr>").unwrap_or(());
+    }
+    out.push_str("</table>\n");
+    out
+}
+
+fn summary(data: &ReportData) -> String {
+    let times = data.solve_times();
+    let mean = times.iter().sum::<f64>() / times.len() as f64;
+    let iterations: Vec<usize> = data.steps.iter().map(|s| s.iterations).collect();
+    let fine = data.steps.iter().filter(|s| s.status == "optimal").count();
+    let budget = match data.sampling_time {
+        Some(t) if t.is_finite() && t > 0.0 && !times.is_empty() => format!(
+            "; the longest takes {} % of the sampling time",
+            number(100.0 * quantile(&times, 1.0) / t)
+        ),
+        _ => String::new(),
+    };
+    let mut pairs = vec![
+        (
+            "Cumulative cost",
+            format!(
+                "{} (stage and offset cost added over the run, section 4.1)",
+                number(data.cumulative_cost)
+            ),
+        ),
+        (
+            "Constraints",
+            match data.worst_violation {
+                v if !(v > 0.0) => "satisfied at every step".into(),
+                v if v <= SATISFIED => format!(
+                    "satisfied at every step (to {}, rounding included)",
+                    number(v)
+                ),
+                v => format!(
+                    "<span class=\"no\">violated by {} at most</span>",
+                    number(v)
+                ),
+            },
+        ),
+        (
+            "Solved",
+            if fine == data.steps.len() {
+                format!("all {} to optimality", count(data.steps.len(), "step"))
+            } else {
+                format!(
+                    "<span class=\"no\">{fine} of {} to optimality</span>: {}",
+                    count(data.steps.len(), "step"),
+                    other_statuses(data)
+                )
+            },
+        ),
+    ];
+    if !times.is_empty() {
+        pairs.push((
+            "Solve time",
+            format!(
+                "mean {}, longest {}{budget}",
+                duration(mean),
+                duration(quantile(&times, 1.0))
+            ),
+        ));
+    }
+    if let Some(most) = iterations.iter().max() {
+        pairs.push((
+            "Iterations",
+            format!(
+                "mean {}, most {most}",
+                number(iterations.iter().sum::<usize>() as f64 / iterations.len() as f64)
+            ),
+        ));
+    }
+    rows(&pairs) + &set_points(data)
+}
+
+fn other_statuses(data: &ReportData) -> String {
+    let mut names: Vec<&str> = data
+        .steps
+        .iter()
+        .map(|s| s.status.as_str())
+        .filter(|s| *s != "optimal")
+        .collect();
+    names.sort_unstable();
+    names
+        .chunk_by(|a, b| a == b)
+        .map(|c| format!("{} {}", c.len(), escape(c[0])))
+        .collect::<Vec<_>>()
+        .join(", ")
+}
+
+fn set_points(data: &ReportData) -> String {
+    let segments = data.segments();
+    if segments.is_empty() {
+        return String::new();
+    }
+    let step = data.step_length();
+    let unit = data.time_unit();
+    let mut out = format!(
+        "<div class=\"scroll\"><table>\n<thead><tr><th class=\"n\">from ({unit})</th><th>set-point, entries other than 0</th><th>admissible</th><th class=\"n\">offset cost at the end</th><th class=\"n\">largest |x − x<sub>s</sub><sup>a</sup>| at the end</th><th class=\"n\">settled after ({unit})</th></tr></thead>\n<tbody>\n"
+    );
+    for s in &segments {
+        writeln!(
+            out,
+            "<tr><td class=\"n\">{}</td><td>{}</td><td>{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td><td class=\"n\">{}</td></tr>",
+            number(s.from as f64 * step),
+            set_point_words(data, s),
+            if s.admissible { "yes" } else { "<span class=\"no\">no</span>" },
+            number(s.offset_cost),
+            number(s.distance),
+            s.settled_after
+                .map_or("not settled".into(), |k| number(k as f64 * step)),
+        )
+        .unwrap_or(());
+    }
+    out.push_str("</tbody></table></div>\n");
+    out.push_str(
+        "<p class=\"soft\">Settled: every state stays within 2 % of the largest distance it had to go, measured from the artificial set-point at the end. A set-point that is not admissible is replaced by the admissible equilibrium of least offset cost.</p>\n",
+    );
+    out
+}
+
+fn set_point_words(data: &ReportData, segment: &Segment) -> String {
+    let set_point = &data.steps[segment.from].set_point;
+    let entries: Vec<String> = set_point
+        .iter()
+        .enumerate()
+        .filter(|(_, v)| **v != 0.0)
+        .map(|(i, v)| match data.states.get(i) {
+            Some(s) => format!("{} = {}", escape(&s.name), number(*v)),
+            None => number(*v),
+        })
+        .collect();
+    match entries.len() {
+        0 => "all 0".into(),
+        n if n > ENTRIES => format!("{} and {} more", entries[..ENTRIES].join(", "), n - ENTRIES),
+        _ => entries.join(", "),
+    }
+}
+
+fn guarantees(data: &ReportData) -> String {
+    let d = &data.design;
+    let regulation = d.task == "regulation";
+    let rho = d.spectral_radius;
+    let slow = if rho > 0.0 && rho < 1.0 {
+        format!(
+            "; the slowest mode of the terminal law has a time constant of {} {}",
+            number(-data.step_length() / rho.ln()),
+            data.time_unit()
+        )
+    } else {
+        String::new()
+    };
+    let (symbol, reference) = if regulation {
+        ("M", "(20)")
+    } else {
+        ("M̃", "(29)")
+    };
+    let form = match d.condition.as_str() {
+        "exact" => "first form, exact: the smallest integer for which the set is invariant",
+        "sufficient" => "second form, sufficient: the exact horizon may be shorter",
+        other => other,
+    };
+    let mut pairs = vec![
+        (
+            "A + B K is Schur",
+            format!(
+                "spectral radius {}, margin {}{slow}",
+                number(rho),
+                number(1.0 - rho)
+            ),
+        ),
+        (
+            "P solves (3)",
+            match d.equation_3_residual {
+                Some(r) => format!("largest residual {} of the largest entry of P", number(r)),
+                None => "residual not computed for this report".into(),
+            },
+        ),
+        (
+            "Terminal horizon",
+            format!(
+                "{symbol} = {} by {reference}, {}; {} in {}",
+                d.terminal_horizon,
+                escape(form),
+                count(d.linear_programs, "linear program"),
+                duration(d.seconds)
+            ),
+        ),
+    ];
+    if !regulation {
+        pairs.push((
+            "Scaling",
+            format!(
+                "λ = {}: artificial set-points keep {} % of the room of every constraint",
+                number(d.scaling),
+                number(100.0 * (1.0 - d.scaling))
+            ),
+        ));
+    }
+    pairs.push((
+        "It follows",
+        if regulation {
+            "a state that is feasible once stays feasible, and converges to the origin of the model".into()
+        } else {
+            "a state that is feasible once stays feasible for every set-point (Theorem 3), and converges to an admissible one (Theorem 4)".into()
+        },
+    ));
+    rows(&pairs)
+}
+
+fn legend(entries: &[(&str, &str)]) -> String {
+    let mut out = String::from("<div class=\"legend\">");
+    for (class, name) in entries {
+        let mark = match *class {
+            "forbidden" | "band" => format!(
+                r#"<rect class="forbidden" width="44" height="14"/><path class="limit" d="M0 {}H44"/>"#,
+                14
+            ),
+            c => format!(r#"<path class="{c}" d="M2 7H42"/>"#),
+        };
+        let mark = if *class == "band" {
+            r#"<path class="band" d="M0 2H44V12H0Z"/>"#.to_string()
+        } else {
+            mark
+        };
+        write!(
+            out,
+            r#"<span><svg viewBox="0 0 44 14" aria-hidden="true">{mark}</svg>{name}</span>"#
+        )
+        .unwrap_or(());
+    }
+    out.push_str("</div>\n");
+    out
+}
+
+fn grid(figures: &[Figure]) -> String {
+    let mut out = String::from("<div class=\"figures\">\n");
+    for f in figures {
+        out.push_str(&f.panel.svg(&f.description));
+        out.push('\n');
+    }
+    out.push_str("</div>\n");
+    out
+}
+
+fn closed_loop(data: &ReportData) -> String {
+    if data.steps.is_empty() {
+        return paragraph("The run has no step.");
+    }
+    let (states, state_words) = figures(data, Kind::State);
+    let (inputs, input_words) = figures(data, Kind::Input);
+    let mut entries = vec![
+        (Style::Actual.class(), "plant"),
+        (Style::Artificial.class(), "artificial set-point"),
+        (Style::SetPoint.class(), "set-point"),
+        ("forbidden", "beyond a limit"),
+    ];
+    if !state_words.is_empty() || !input_words.is_empty() {
+        entries.insert(1, ("band", "range of a group"));
+    }
+    let mut out = legend(&entries);
+    for (title, figures, words) in [
+        ("States", states, state_words),
+        ("Inputs", inputs, input_words),
+    ] {
+        writeln!(out, "<h3>{title}</h3>").unwrap_or(());
+        if !words.is_empty() {
+            out.push_str(&paragraph(&words));
+        }
+        out.push_str(&grid(&figures));
+    }
+    out
+}
+
+fn cost(data: &ReportData) -> String {
+    let Some(figure) = numbers::cost(data) else {
+        return paragraph("The cost is zero at every step.");
+    };
+    let rise = data
+        .segments()
+        .iter()
+        .map(|s| s.largest_rise)
+        .fold(0.0, f64::max);
+    let words = if rise <= ROUNDING {
+        "The optimal cost does not rise between set-point changes: it is a Lyapunov function of the closed loop (Theorem 4). Vertical lines mark the changes.".to_string()
+    } else if data.disturbed {
+        format!(
+            "Under the disturbance the optimal cost rises by up to {} of its value at the last set-point change. Vertical lines mark the changes.",
+            number(rise)
+        )
+    } else {
+        format!(
+            "<span class=\"no\">The optimal cost rises by up to {} of its value at the last set-point change</span>, which the theory excludes: look at the status of the steps. Vertical lines mark the changes.",
+            number(rise)
+        )
+    };
+    paragraph(&words)
+        + &legend(&[("actual", "optimal cost"), ("artificial", "offset cost")])
+        + &format!(
+            "<div class=\"one\">{}</div>\n",
+            figure.panel.svg(&figure.description)
+        )
+}
+
+fn solve_times(data: &ReportData) -> String {
+    let times = data.solve_times();
+    let Some(figure) = numbers::solve_times(data) else {
+        return paragraph("No solve time was recorded.");
+    };
+    let words = format!(
+        "{}: median {}, 99 % below {}, longest {}.",
+        count(times.len(), "step"),
+        duration(quantile(&times, 0.5)),
+        duration(quantile(&times, 0.99)),
+        duration(quantile(&times, 1.0))
+    );
+    paragraph(&words)
+        + &format!(
+            "<div class=\"one\">{}</div>\n",
+            figure.panel.svg(&figure.description)
+        )
+}
+
+fn horizon(data: &ReportData) -> String {
+    let Some(figure) = numbers::horizon(data) else {
+        return paragraph("The steps at which the rows are spent are not recorded.");
+    };
+    let words = format!(
+        "A constraint row is spent at the first step of the terminal law at which the earlier steps imply it. The horizon ends one step before the last row is spent. It is determined by: {}.",
+        escape(&numbers::determining_rows(data))
+    );
+    paragraph(&words) + &format!("<div class=\"one-wide\">{figure}</div>\n")
+}
