@@ -14,6 +14,6 @@ mod svg;
 #[cfg(test)]
 mod tests;
 
-pub use data::{DesignNumbers, ReportData, Signal, StepRecord};
+pub use data::ReportData;
 pub use from_run::Labels;
 pub use page::render;

@@ -122,6 +122,31 @@ pub struct TerminalIngredients {
     elapsed: Duration,
 }
 
+/// What a check of Assumption 1 finds.
+#[derive(Clone, Debug)]
+pub struct Assumption {
+    /// Spectral radius of A + B K.
+    pub spectral_radius: f64,
+    /// The basis of the steady states.
+    pub steady_states: SteadyStates,
+}
+
+/// Checks Assumption 1 without searching the horizon: (A, B) stabilizable, A + B K Schur, no direction free of
+/// constraints. Definite weights and an interior origin were checked with the problem.
+///
+/// # Errors
+/// [`DesignError::NotStabilizable`], [`DesignError::NotSchur`], [`DesignError::Unbounded`], [`DesignError::Solver`].
+pub fn check_assumption(problem: &Problem) -> Result<Assumption, DesignError> {
+    let law = lqr::terminal_law(problem)?;
+    let steady_states = SteadyStates::of(problem)?;
+    let mut system = Augmented::new(problem, &law.gain, &law.closed_loop, &steady_states);
+    Boxes::of(&mut system)?;
+    Ok(Assumption {
+        spectral_radius: law.spectral_radius,
+        steady_states,
+    })
+}
+
 impl TerminalIngredients {
     /// Computes K, P, M_θ and the terminal horizon.
     ///
