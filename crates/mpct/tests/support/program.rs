@@ -188,7 +188,7 @@ impl Program {
         }
     }
 
-    /// Largest relative error of a claimed optimum: constraints, stationarity, gap.
+    /// Largest relative error of a claimed optimum: constraints, signs, stationarity, gap.
     pub fn error(&self, s: &Solution) -> f64 {
         let gradient = self.gradient(&s.z);
         let mut pull = vec![0.0; self.variables];
@@ -213,7 +213,9 @@ impl Program {
         let gap =
             (s.value - dual).abs() / s.value.abs().max(dual.abs()).max(bound.abs()).max(scale);
         let size = 1.0 + largest(&s.z);
+        let negative = s.at_most.iter().fold(0.0_f64, |a, y| a.max(-y));
         (self.violation(&s.z) / size)
+            .max(negative / scale)
             .max(largest(&residual) / scale)
             .max(gap)
     }
