@@ -10,10 +10,15 @@ mod from_run;
 mod numbers;
 mod page;
 mod panel;
+mod picture;
 mod svg;
 #[cfg(test)]
 mod tests;
 
+pub use closed_loop::Kind;
 pub use data::ReportData;
+#[cfg(test)]
+pub use data::{DesignNumbers, Signal, StepRecord};
 pub use from_run::Labels;
 pub use page::render;
+pub use picture::picture;

@@ -8,7 +8,8 @@ use super::panel::Style;
 use super::svg::escape;
 use std::fmt::Write;
 
-const STYLE: &str = include_str!("style.css");
+/// The style sheet of pages and pictures.
+pub const STYLE: &str = include_str!("style.css");
 /// Entries of a set-point written out in the table.
 const ENTRIES: usize = 6;
 /// A rise of the cost below this part of it is rounding of the solver.
@@ -327,16 +328,9 @@ fn legend(entries: &[(&str, &str)]) -> String {
     let mut out = String::from("<div class=\"legend\">");
     for (class, name) in entries {
         let mark = match *class {
-            "forbidden" | "band" => format!(
-                r#"<rect class="forbidden" width="44" height="14"/><path class="limit" d="M0 {}H44"/>"#,
-                14
-            ),
+            "forbidden" => r#"<rect class="forbidden" width="44" height="14"/><path class="limit" d="M0 14H44"/>"#.to_string(),
+            "band" => r#"<path class="band" d="M0 2H44V12H0Z"/>"#.to_string(),
             c => format!(r#"<path class="{c}" d="M2 7H42"/>"#),
-        };
-        let mark = if *class == "band" {
-            r#"<path class="band" d="M0 2H44V12H0Z"/>"#.to_string()
-        } else {
-            mark
         };
         write!(
             out,
@@ -410,7 +404,14 @@ fn cost(data: &ReportData) -> String {
         )
     };
     paragraph(&words)
-        + &legend(&[("actual", "optimal cost"), ("artificial", "offset cost")])
+        + &legend(&[
+            ("actual", "optimal cost"),
+            ("artificial", "offset cost"),
+            (
+                "setpoint",
+                "optimal cost above the offset cost that remains",
+            ),
+        ])
         + &format!(
             "<div class=\"one\">{}</div>\n",
             figure.panel.svg(&figure.description)

@@ -155,8 +155,8 @@ fn figures(elements: &[String]) -> usize {
 fn a_page_shows_every_state_and_input() {
     let data = synthetic(12, 4, 400);
     let (page, elements) = check(&data);
-    // 12 + 4 plots, cost, solve times, horizon, and 4 + 2 marks in the legends.
-    assert_eq!(figures(&elements), 16 + 3 + 6);
+    // 12 + 4 plots, cost, solve times, horizon, and 4 + 3 marks in the legends.
+    assert_eq!(figures(&elements), 16 + 3 + 7);
     for part in [
         "M̃ = 92",
         "λ = 0.9",
@@ -247,6 +247,21 @@ fn names_are_escaped() {
 }
 
 #[test]
+fn a_picture_holds_what_was_chosen() {
+    let data = synthetic(3, 1, 80);
+    let choice = [(Kind::State, 0), (Kind::Input, 0), (Kind::Input, 7)];
+    let picture = picture(&data, &choice);
+    let (head, body) = picture.split_once("</style>").unwrap();
+    assert!(head.starts_with("<svg xmlns=") && !head.contains('&'));
+    let wrapped = format!(
+        "</style></head><body><svg>{}</body></html>\n",
+        body.trim_end()
+    );
+    let found = elements(&wrapped);
+    assert_eq!(found.iter().filter(|e| *e == "g").count(), 2);
+}
+
+#[test]
 fn settling_and_rises_are_measured() {
     let mut data = synthetic(1, 1, 4);
     for (s, (x, cost)) in
@@ -316,6 +331,11 @@ fn run(drone: bool, steps: usize) -> ReportData {
             set_point: SetPoint::state(state),
         }
     };
+    let labels = if drone {
+        drone_labels()
+    } else {
+        Labels::default()
+    };
     let third: &[f64] = if drone {
         &[-2.0, -1.0, 3.2]
     } else {
@@ -332,7 +352,17 @@ fn run(drone: bool, steps: usize) -> ReportData {
         disturbance: None,
     };
     let result = simulate(&mut controller, &simulation, None).unwrap();
-    ReportData::new(controller.ingredients(), &result, &Labels::default())
+    ReportData::new(controller.ingredients(), &result, &labels)
+}
+
+fn drone_labels() -> Labels {
+    let list = |words: &str| words.split(' ').map(String::from).collect::<Vec<_>>();
+    Labels {
+        states: list("px py pz vx vy vz roll pitch yaw p q r"),
+        state_units: list("m m m m/s m/s m/s rad rad rad rad/s rad/s rad/s"),
+        inputs: list("F τx τy τz"),
+        input_units: ["N", "N m", "N m", "N m"].map(String::from).to_vec(),
+    }
 }
 
 #[test]
@@ -361,8 +391,17 @@ fn look() {
     for (name, data) in [
         ("small", synthetic(12, 4, 900)),
         ("large", synthetic(400, 200, 1000)),
+        ("academic", run(false, 210)),
+        ("drone", run(true, 900)),
     ] {
         let path = std::path::Path::new(&directory).join(format!("{name}.html"));
-        std::fs::write(path, render(&data)).expect("written");
+        std::fs::write(&path, render(&data)).expect("written");
+        let choice = [
+            (Kind::State, 0),
+            (Kind::State, 1),
+            (Kind::State, 2),
+            (Kind::Input, 0),
+        ];
+        std::fs::write(path.with_extension("svg"), picture(&data, &choice)).expect("written");
     }
 }
