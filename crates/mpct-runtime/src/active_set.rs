@@ -92,7 +92,7 @@ fn run<T: Scalar>(
     budget: &mut Budget<'_>,
     iterations: &mut u32,
 ) -> Result<Outcome<T>, Stop<T>> {
-    let (mut lower_bound, mut stalled) = (T::ZERO, 0);
+    let (mut lower_bound, mut stalled, mut settled) = (T::ZERO, 0, 0);
     if budget.is_over() {
         return Err(Stop::Budget(Outcome::Deadline));
     }
@@ -105,7 +105,9 @@ fn run<T: Scalar>(
         let Some((row, q)) = priced.worst else {
             // Refine; a multiplier that turns negative sends us back to pricing.
             let moved = settle(tables, ws, budget, iterations)?;
-            if moved {
+            // Where the arithmetic cannot meet REFINE every settling moves a little: twice is enough.
+            if moved && settled < 2 {
+                settled += 1;
                 continue;
             }
             let mut violation = priced.violation;
@@ -115,6 +117,7 @@ fn run<T: Scalar>(
             }
             return Ok(Outcome::Optimal { violation });
         };
+        settled = 0;
         match add(tables, ws, row, q, budget, iterations)? {
             Added::Entered => {}
             Added::Infeasible(radius) => return Ok(Outcome::Infeasible { radius }),
