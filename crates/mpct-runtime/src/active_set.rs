@@ -1,18 +1,20 @@
 //! The dual active-set method of Goldfarb and Idnani (1983) for the least-distance problem
 //! `min ½|w|²  s.t.  M w ≤ d`, started from any working set.
 //!
-//! At every moment `w = −M_Wᵀ λ` with `λ ≥ 0`: the optimum of a problem with fewer or looser rows, so its cost is a lower bound that only
-//! grows. Two moves:
+//! At every moment `H z + f + G_Wᵀ λ = 0` with `λ ≥ 0`: the optimum of a problem with fewer or looser rows, so its cost is a lower bound
+//! that only grows. Two moves:
 //!
-//! - *settle*: move `λ` to the solution of `M_W M_Wᵀ λ = −d_W`. When a multiplier would become negative, stop there, drop its row, go
-//!   on. This starts from a working set of the past, and at the end it is the iterative refinement.
+//! - *settle*: correct `z` by the residual of this equation, then move `λ` until `G_W z = b_W`. When a multiplier would
+//!   become negative, stop there, drop its row, go on. This leads from the solution of the past to the new data, and at the
+//!   end it is the iterative refinement. Everything is a correction to `z`, so rounding errors are relative to the
+//!   solution and not to the (far larger) minimum without rows; this is what makes `f32` work.
 //! - *add* the most violated row `j`: raise its multiplier and keep the working set active until either row `j` is satisfied
 //!   with equality (it enters), or another multiplier reaches zero (it leaves), or nothing stops the growth (infeasible).
 //!
 //! As in Arnström, Bemporad and Axehill (2022) the factors are of the Gram matrix of the working set, `L D Lᵀ`. They depend on the
 //! working set only, hence survive from one sampling instant to the next and a warm start costs no factorisation.
 
-use crate::dense::{all_finite, axpy, dot, gemv_add, upper_mul_add, upper_transpose_mul};
+use crate::dense::{all_finite, axpy, gemv_add, max_abs, upper_mul_add, upper_transpose_mul};
 use crate::proof::proof_radius;
 use crate::tables::NO_ROW;
 use crate::{Budget, Scalar, Tables, Workspace};
@@ -31,7 +33,7 @@ pub(crate) enum Outcome<T> {
 /// Fewer, and a heap of parallel rows would be taken for a cycle; more only wastes time.
 const STALLED: u32 = 30;
 /// Corrections in one settling before the factors are suspected. Two suffice when they are sound.
-const CORRECTIONS: u32 = 6;
+const CORRECTIONS: u32 = 4;
 
 /// Why the inner moves end the solve.
 enum Stop<T> {
@@ -39,18 +41,14 @@ enum Stop<T> {
     Trouble,
 }
 
-/// Computes `f`, `−H⁻¹f` for the new data. What depends on the set-point only is kept while it stays.
+/// Computes `f` for the new data. What depends on the set-point only is kept while it stays.
 pub(crate) fn load<T: Scalar>(tables: &Tables<'_, T>, ws: &mut Workspace<'_, T>, x: &[T], r: &[T], fresh: bool) {
     if fresh || ws.set_point != r {
         ws.set_point.copy_from_slice(r);
-        ws.free_set_point.fill(T::ZERO);
-        gemv_add(tables.free_set_point, r, ws.free_set_point);
         ws.linear_set_point.fill(T::ZERO);
         gemv_add(tables.linear_set_point, r, ws.linear_set_point);
     }
     ws.x.copy_from_slice(x);
-    ws.free.copy_from_slice(ws.free_set_point);
-    gemv_add(tables.free_state, x, ws.free);
     ws.linear.copy_from_slice(ws.linear_set_point);
     gemv_add(tables.linear_state, x, ws.linear);
     ws.pricing.measure(x);
@@ -68,6 +66,7 @@ pub(crate) fn solve<T: Scalar>(
         if attempt > 0 || ws.factor.is_worn() {
             if attempt > 0 {
                 ws.factor.clear();
+                ws.z.fill(T::ZERO);
             } else {
                 let Workspace { factor, half, a, rho, m, .. } = ws;
                 factor.rebuild(half, a, rho, m);
@@ -82,6 +81,7 @@ pub(crate) fn solve<T: Scalar>(
         }
     }
     ws.factor.clear();
+    ws.z.fill(T::ZERO);
     ws.pricing.forget();
     Outcome::Failed
 }
@@ -92,7 +92,7 @@ fn run<T: Scalar>(
     budget: &mut Budget<'_>,
     iterations: &mut u32,
 ) -> Result<Outcome<T>, Stop<T>> {
-    let (mut lower_bound, mut stalled, mut settled) = (T::ZERO, 0, 0);
+    let (mut gained, mut stalled, mut is_settled, mut settlings) = (T::ZERO, 0, true, 0);
     if budget.is_over() {
         return Err(Stop::Budget(Outcome::Deadline));
     }
@@ -103,11 +103,10 @@ fn run<T: Scalar>(
             return Err(Stop::Trouble);
         }
         let Some((row, q)) = priced.worst else {
-            // Refine; a multiplier that turns negative sends us back to pricing.
-            let moved = settle(tables, ws, budget, iterations)?;
-            // Where the arithmetic cannot meet REFINE every settling moves a little: twice is enough.
-            if moved && settled < 2 {
-                settled += 1;
+            // Refine after changes. Where the arithmetic cannot meet the tolerances every settling moves `z` a little.
+            if !is_settled && settlings < 3 {
+                settlings += 1;
+                is_settled = !settle(tables, ws, budget, iterations)?;
                 continue;
             }
             let mut violation = priced.violation;
@@ -117,98 +116,116 @@ fn run<T: Scalar>(
             }
             return Ok(Outcome::Optimal { violation });
         };
-        settled = 0;
+        (is_settled, settlings) = (false, 0);
         match add(tables, ws, row, q, budget, iterations)? {
-            Added::Entered => {}
+            Added::Entered { gain } => {
+                // The lower bound must grow; when it does not for long, rounding is running in circles.
+                if !gain.is_finite() {
+                    return Err(Stop::Trouble);
+                }
+                stalled = if gain > T::EPSILON * gained { 0 } else { stalled + 1 };
+                gained += gain;
+                if stalled > STALLED {
+                    return Err(Stop::Trouble);
+                }
+            }
             Added::Infeasible(radius) => return Ok(Outcome::Infeasible { radius }),
             // Dependent, nothing to drop, and no proof: rounding hides whether the problem is feasible.
             Added::Undecided => return Err(Stop::Trouble),
         }
-        let now = dot(ws.w, ws.w);
-        if !all_finite(&[now]) {
-            return Err(Stop::Trouble);
-        }
-        if now > lower_bound {
-            (lower_bound, stalled) = (now, 0);
-        } else {
-            stalled += 1;
-            if stalled > STALLED {
-                return Err(Stop::Trouble);
-            }
-        }
     }
 }
 
-/// `w = −M_Wᵀλ`, `z = z_free + R⁻¹w`.
-fn primal<T: Scalar>(tables: &Tables<'_, T>, ws: &mut Workspace<'_, T>) {
-    ws.w.fill(T::ZERO);
-    ws.factor.subtract(ws.lambda, ws.w);
-    ws.z.copy_from_slice(ws.free);
-    if ws.factor.len() > 0 {
-        upper_mul_add(tables.root_inverse, ws.w, ws.z);
+/// `gradient = H z + f`, `rho = H z + f + G_Wᵀ λ`. Returns `‖rho‖_∞` over the size of its terms.
+fn stationarity<T: Scalar>(tables: &Tables<'_, T>, ws: &mut Workspace<'_, T>) -> T {
+    ws.gradient.fill(T::ZERO);
+    gemv_add(tables.hessian, ws.z, ws.gradient);
+    let size = max_abs(ws.gradient).max(max_abs(ws.linear)).max(T::ONE);
+    axpy(T::ONE, ws.linear, ws.gradient);
+    ws.rho.copy_from_slice(ws.gradient);
+    for (&row, &multiplier) in ws.factor.index().iter().zip(ws.lambda.iter()) {
+        axpy(multiplier, tables.g_row(row as usize), ws.rho);
     }
+    max_abs(ws.rho) / size
 }
 
-/// Makes the working set active: `G_W z = b_W` within [`Scalar::REFINE`]. Returns whether anything moved.
-/// Leaves the residuals of the working set in `half`.
+/// `q_W = G_W z − b_W` into `a` and `half`. Returns the largest error in units of right-hand sides, over the size of these.
+fn activity<T: Scalar>(tables: &Tables<'_, T>, ws: &mut Workspace<'_, T>) -> T {
+    let (mut error, mut size) = (T::ZERO, T::ONE);
+    for i in 0..ws.factor.len() {
+        let row = ws.factor.index()[i] as usize;
+        let q = ws.pricing.residual(tables, row, ws.z);
+        (ws.half[i], ws.a[i]) = (q, q);
+        error = error.max(q.abs() / tables.scale[row]);
+        size = size.max(ws.pricing.bound(tables, row).abs() / tables.scale[row]);
+    }
+    error / size
+}
+
+/// Brings `H z + f + G_Wᵀλ` and `G_W z − b_W` to zero. Returns whether `z` moved. Leaves `H z + f` in `gradient`, the residuals of
+/// the working set in `half`, and the stationarity in the workspace.
 fn settle<T: Scalar>(
     tables: &Tables<'_, T>,
     ws: &mut Workspace<'_, T>,
     budget: &mut Budget<'_>,
     iterations: &mut u32,
 ) -> Result<bool, Stop<T>> {
-    let (mut moved, mut corrections, mut previous) = (false, 0, T::INFINITY);
+    let mut corrections = 0;
     loop {
-        primal(tables, ws);
-        if !all_finite(ws.z) {
+        ws.stationarity = stationarity(tables, ws);
+        let error = activity(tables, ws);
+        if ws.stationarity <= T::STATIONARY && error <= T::REFINE {
+            return Ok(corrections > 0);
+        }
+        if !all_finite(&[ws.stationarity, error]) || !all_finite(ws.z) {
             return Err(Stop::Trouble);
-        }
-        let k = ws.factor.len();
-        let (mut error, mut noise) = (T::ZERO, T::ONE);
-        for i in 0..k {
-            let row = ws.factor.index()[i] as usize;
-            let q = ws.pricing.residual(tables, row, ws.z);
-            ws.half[i] = q;
-            ws.a[i] = q;
-            error = error.max(q.abs() / tables.scale[row]);
-            noise = noise.max(tables.bound(row, ws.x).abs() / tables.scale[row]);
-        }
-        if error <= T::REFINE * noise {
-            return Ok(moved);
-        }
-        // No progress any more: this is as accurate as the numbers allow.
-        if corrections > 1 && error <= T::PRIMAL * noise && !(error < T::HALF * previous) {
-            return Ok(moved);
         }
         if corrections > CORRECTIONS {
-            return Err(Stop::Trouble);
+            // As accurate as the numbers allow, or the factors are wrong.
+            let usable = ws.stationarity <= T::PRIMAL && error <= T::PRIMAL;
+            return if usable { Ok(true) } else { Err(Stop::Trouble) };
         }
-        previous = error;
-        moved = true;
-        ws.factor.solve(ws.a);
-        // λ + t a ≥ 0.
-        let (mut t, mut blocking) = (T::ONE, None);
-        for i in 0..k {
-            if ws.lambda[i] + t * ws.a[i] < T::ZERO {
-                t = ws.lambda[i] / -ws.a[i];
-                blocking = Some(i);
+        corrections += 1;
+        // z −= H⁻¹ρ.
+        upper_transpose_mul(tables.root_inverse, ws.rho, ws.m);
+        subtract_root(tables, ws.m, T::ONE, ws.direction, ws.z);
+        while ws.factor.len() > 0 {
+            activity(tables, ws);
+            ws.factor.solve(ws.a);
+            // λ + t a ≥ 0.
+            let (mut t, mut blocking) = (T::ONE, None);
+            for i in 0..ws.factor.len() {
+                if ws.lambda[i] + t * ws.a[i] < T::ZERO {
+                    t = ws.lambda[i] / -ws.a[i];
+                    blocking = Some(i);
+                }
             }
-        }
-        for i in 0..k {
-            ws.lambda[i] = (ws.lambda[i] + t * ws.a[i]).max(T::ZERO);
-        }
-        if let Some(i) = blocking {
+            for i in 0..ws.factor.len() {
+                let before = ws.lambda[i];
+                ws.lambda[i] = (before + t * ws.a[i]).max(T::ZERO);
+                ws.a[i] = ws.lambda[i] - before;
+            }
+            ws.m.fill(T::ZERO);
+            ws.factor.subtract(ws.a, ws.m);
+            subtract_root(tables, ws.m, -T::ONE, ws.direction, ws.z);
+            let Some(i) = blocking else { break };
             spend(budget, iterations)?;
             drop_row(ws, i);
-            (corrections, previous) = (0, T::INFINITY);
-        } else {
-            corrections += 1;
+            corrections = 1;
         }
     }
 }
 
+/// `z −= t R⁻¹ m`.
+fn subtract_root<T: Scalar>(tables: &Tables<'_, T>, m: &[T], t: T, direction: &mut [T], z: &mut [T]) {
+    direction.fill(T::ZERO);
+    upper_mul_add(tables.root_inverse, m, direction);
+    axpy(-t, direction, z);
+}
+
 enum Added<T> {
-    Entered,
+    /// And raised the lower bound by `gain`.
+    Entered { gain: T },
     Infeasible(T),
     Undecided,
 }
@@ -223,7 +240,7 @@ fn add<T: Scalar>(
     iterations: &mut u32,
 ) -> Result<Added<T>, Stop<T>> {
     upper_transpose_mul(tables.root_inverse, tables.g_row(j), ws.m);
-    let mut lambda_j = T::ZERO;
+    let (mut lambda_j, mut gain) = (T::ZERO, T::ZERO);
     loop {
         spend(budget, iterations)?;
         let p = ws.factor.project(ws.m, ws.half, ws.a, ws.rho);
@@ -247,8 +264,11 @@ fn add<T: Scalar>(
         }
         lambda_j += t;
         if independent {
-            axpy(-t, ws.rho, ws.w);
+            subtract_root(tables, ws.rho, t, ws.direction, ws.z);
+            gain += t * (q - T::HALF * t * p.outside);
             q -= t * p.outside;
+        } else {
+            gain += t * q;
         }
         if !all_finite(&[t, q, lambda_j]) {
             return Err(Stop::Trouble);
@@ -263,9 +283,7 @@ fn add<T: Scalar>(
         }
         ws.lambda[k] = lambda_j;
         ws.pricing.hide(j);
-        ws.z.copy_from_slice(ws.free);
-        upper_mul_add(tables.root_inverse, ws.w, ws.z);
-        return Ok(Added::Entered);
+        return Ok(Added::Entered { gain });
     }
 }
 

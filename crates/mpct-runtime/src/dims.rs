@@ -35,22 +35,22 @@ impl Dims {
     }
 
     /// Numbers in the tables:
-    /// `nz² + nz(nz+1)/2 + 2 nz (n + nr) + rows (nz + n + 4) + m (n + m + input_rows)`.
+    /// `nz² + nz(nz+1)/2 + nz (n + nr) + rows (nz + n + 4) + m (n + m + input_rows)`.
     pub const fn tables_len(&self) -> usize {
         let nz = self.variables();
         nz * nz
             + nz * (nz + 1) / 2
-            + 2 * nz * (self.states + self.set_point)
+            + nz * (self.states + self.set_point)
             + self.rows * (nz + self.states + 4)
             + self.inputs * (self.states + self.inputs + self.input_rows)
     }
 
-    /// Numbers [`prepare`](crate::prepare) needs while it runs: `2 nz`.
+    /// Numbers [`prepare`](crate::prepare) needs while it runs: `nz`.
     pub const fn prepare_len(&self) -> usize {
-        2 * self.variables()
+        self.variables()
     }
 
-    /// Numbers in the workspace: `nz² + nz(nz−1)/2 + 18 nz + 2 rows + 2 n + nr + m + 1`.
+    /// Numbers in the workspace: `nz² + nz(nz−1)/2 + 16 nz + 2 rows + 2 n + nr + m + 1`.
     pub const fn workspace_len(&self) -> usize {
         let nz = self.variables();
         nz * nz
@@ -92,4 +92,4 @@ impl Dims {
 }
 
 /// Vectors of length `nz` in the workspace, see `workspace.rs`.
-pub(crate) const WORK_VECTORS: usize = 18;
+pub(crate) const WORK_VECTORS: usize = 16;

@@ -1,6 +1,6 @@
 //! From the matrices of a problem to its tables: once, on the desk or at start-up.
 
-use crate::dense::{dot, upper_mul_add, upper_transpose_mul};
+use crate::dense::{dot, upper_transpose_mul};
 use crate::{Dims, Scalar, TableError, Tables};
 
 /// The matrices of one controller, all row-major. See [`Tables`] for an example.
@@ -63,12 +63,6 @@ pub fn prepare<'t, T: Scalar>(
     let root = take(&mut rest, nz * (nz + 1) / 2);
     cholesky_packed(nz, hessian, root)?;
     invert_upper_packed(nz, root);
-    for (linear, columns) in [(data.linear_state, n), (data.linear_set_point, nr)] {
-        let free = take(&mut rest, nz * columns);
-        for column in 0..columns {
-            free_column(nz, hessian, root, linear, columns, column, free, scratch);
-        }
-    }
     take(&mut rest, nz * n).copy_from_slice(data.linear_state);
     take(&mut rest, nz * nr).copy_from_slice(data.linear_set_point);
 
@@ -125,7 +119,7 @@ pub fn cast_tables<'t, T: Scalar, U: Scalar>(
     }
     // The bounds of movement must be bounds of the rounded rows.
     let (n, m, nz, rows) = (dims.states, dims.inputs, dims.variables(), dims.rows);
-    let start = nz * nz + nz * (nz + 1) / 2 + 2 * nz * (n + dims.set_point);
+    let start = nz * nz + nz * (nz + 1) / 2 + nz * (n + dims.set_point);
     let (matrices, vectors) = to[start..].split_at_mut(rows * (nz + n));
     let (g, w) = matrices.split_at(rows * nz);
     for row in 0..rows {
@@ -205,37 +199,5 @@ fn invert_upper_packed<T: Scalar>(nz: usize, r: &mut [T]) {
             r[base(nz, i) + j] = -sum * diagonal;
         }
         r[base(nz, j) + j] = diagonal;
-    }
-}
-
-/// One column of `−H⁻¹F`, with one step of iterative refinement.
-#[allow(clippy::too_many_arguments)]
-fn free_column<T: Scalar>(
-    nz: usize,
-    hessian: &[T],
-    root: &[T],
-    linear: &[T],
-    columns: usize,
-    column: usize,
-    free: &mut [T],
-    scratch: &mut [T],
-) {
-    let (residual, image) = scratch.split_at_mut(nz);
-    for k in 0..nz {
-        free[k * columns + column] = T::ZERO;
-    }
-    for _ in 0..2 {
-        for i in 0..nz {
-            residual[i] = linear[i * columns + column];
-            for j in 0..nz {
-                residual[i] += hessian[i * nz + j] * free[j * columns + column];
-            }
-        }
-        upper_transpose_mul(root, residual, image);
-        residual.fill(T::ZERO);
-        upper_mul_add(root, image, residual);
-        for k in 0..nz {
-            free[k * columns + column] -= residual[k];
-        }
     }
 }

@@ -57,7 +57,7 @@ impl<'a, T: Scalar> Pricing<'a, T> {
 
     /// `bᵢ(x)`.
     #[inline(always)]
-    fn bound(&mut self, tables: &Tables<'_, T>, row: usize) -> T {
+    pub fn bound(&mut self, tables: &Tables<'_, T>, row: usize) -> T {
         let known = self.bound[row];
         if !known.is_nan() {
             return known;

@@ -56,6 +56,9 @@ pub trait Scalar:
     /// Largest `|Gᵢz − bᵢ(x)|` left on an active row before the multipliers are corrected. Same scale.
     /// Larger, and the errors of many rank-one updates would show in the input.
     const REFINE: Self;
+    /// Largest `‖Hz + f + G_Wᵀλ‖_∞`, relative to the size of its terms, before `z` is corrected. Larger, and the bound on the
+    /// cost would not be one.
+    const STATIONARY: Self;
     /// A row whose part outside the span of the active rows, squared and relative to its length squared, is smaller
     /// than this counts as dependent. Smaller, and a division by noise would follow.
     const DEPENDENT: Self;
@@ -166,6 +169,7 @@ impl Scalar for f64 {
     const EPSILON: Self = f64::EPSILON;
     const PRIMAL: Self = 1e-9;
     const REFINE: Self = 1e-11;
+    const STATIONARY: Self = 1e-12;
     const DEPENDENT: Self = 1e-14;
     const REPROJECT: Self = 1e-3;
     const PROOF_MARGIN: Self = 1e-10;
@@ -184,6 +188,7 @@ impl Scalar for f32 {
     const EPSILON: Self = f32::EPSILON;
     const PRIMAL: Self = 1e-5;
     const REFINE: Self = 2e-6;
+    const STATIONARY: Self = 5e-7;
     const DEPENDENT: Self = 1e-7;
     const REPROJECT: Self = 1e-1;
     const PROOF_MARGIN: Self = 2e-6;

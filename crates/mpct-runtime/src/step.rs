@@ -2,7 +2,7 @@
 
 use crate::active_set::{self, Outcome};
 use crate::candidate::{advance, shift_plan, violation};
-use crate::dense::{all_finite, axpy, dot, gemv_add, max_abs};
+use crate::dense::{all_finite, axpy, dot, gemv_add};
 use crate::{Budget, Scalar, TableError, Tables, Workspace};
 
 /// Where the solver starts from.
@@ -195,6 +195,7 @@ impl<'a, T: Scalar> Controller<'a, T> {
         self.ws.pricing.forget();
         self.ws.lambda.fill(T::ZERO);
         self.ws.plan.fill(T::ZERO);
+        self.ws.z.fill(T::ZERO);
         self.ws.proof_len = 0;
         (self.has_plan, self.is_optimum, self.is_fresh, self.is_claimed) = (false, false, true, false);
     }
@@ -264,20 +265,14 @@ impl<'a, T: Scalar> Controller<'a, T> {
     fn report(&mut self, status: StepStatus, violation: T, iterations: u32) -> Step<'_, T> {
         let (tables, ws, m) = (&self.tables, &mut self.ws, self.tables.dims.inputs);
         let theta_at = ws.plan.len() - m;
-        ws.gradient.fill(T::ZERO);
-        gemv_add(tables.hessian, ws.plan, ws.gradient);
-        let mut size = max_abs(ws.gradient).max(max_abs(ws.linear)).max(T::ONE);
-        axpy(T::ONE, ws.linear, ws.gradient);
+        // At an optimum settling left H z + f behind.
+        if !self.is_optimum {
+            ws.gradient.fill(T::ZERO);
+            gemv_add(tables.hessian, ws.plan, ws.gradient);
+            axpy(T::ONE, ws.linear, ws.gradient);
+        }
         let cost = T::HALF * (dot(ws.plan, ws.gradient) + dot(ws.plan, ws.linear));
-        let stationarity = if self.is_optimum {
-            for (&row, &multiplier) in ws.factor.index().iter().zip(ws.lambda.iter()) {
-                axpy(multiplier, tables.g_row(row as usize), ws.gradient);
-            }
-            size = max_abs(ws.gradient) / size;
-            size
-        } else {
-            T::INFINITY
-        };
+        let stationarity = if self.is_optimum { ws.stationarity } else { T::INFINITY };
 
         ws.input.fill(T::ZERO);
         gemv_add(tables.gain, ws.x, ws.input);

@@ -5,8 +5,7 @@
 //! z = (c_0, …, c_{N−1}, θ)
 //! ```
 //!
-//! With `H = RᵀR` and `w = R (z − z_free)`, `z_free = −H⁻¹ f`, this is a least-distance problem:
-//! `min ½ |w|²  s.t.  M w ≤ b − G z_free`, `M = G R⁻¹`. The tables hold `R⁻¹`; the rows of `M` are formed when a row becomes
+//! With `H = RᵀR` and `w = R (z + H⁻¹f)` this is a least-distance problem: `min ½ |w|²  s.t.  M w ≤ b + G H⁻¹f`, `M = G R⁻¹`. The tables hold `R⁻¹`; the rows of `M` are formed when a row becomes
 //! active, so that `G` is stored once only.
 //!
 //! Every row of `(G, W, 1)` is multiplied by a power of two that brings its row of `M` to a length in `[1, 2)`.
@@ -49,10 +48,6 @@ pub struct Tables<'a, T> {
     pub(crate) hessian: &'a [T],
     /// `R⁻¹`, upper triangle by rows.
     pub(crate) root_inverse: &'a [T],
-    /// `−H⁻¹F_x`, `nz × n`.
-    pub(crate) free_state: &'a [T],
-    /// `−H⁻¹F_r`, `nz × nr`.
-    pub(crate) free_set_point: &'a [T],
     /// `F_x`, `nz × n`.
     pub(crate) linear_state: &'a [T],
     /// `F_r`, `nz × nr`.
@@ -163,8 +158,6 @@ impl<'a, T: Scalar> Tables<'a, T> {
             dims,
             hessian: take(nz * nz),
             root_inverse: take(nz * (nz + 1) / 2),
-            free_state: take(nz * n),
-            free_set_point: take(nz * nr),
             linear_state: take(nz * n),
             linear_set_point: take(nz * nr),
             g: take(rows * nz),

@@ -23,16 +23,13 @@ pub struct Workspace<'a, T> {
     pub(crate) pricing: Pricing<'a, T>,
     /// Multipliers of the working set, scaled rows; always `≥ 0`.
     pub(crate) lambda: &'a mut [T],
-    /// `−H⁻¹ f(x, r)`.
-    pub(crate) free: &'a mut [T],
-    /// `−H⁻¹ F_r r` and `F_r r`, kept while the set-point stays.
-    pub(crate) free_set_point: &'a mut [T],
+    /// `F_r r`, kept while the set-point stays.
     pub(crate) linear_set_point: &'a mut [T],
     /// `f(x, r)`.
     pub(crate) linear: &'a mut [T],
     pub(crate) z: &'a mut [T],
-    /// `R (z − free)`.
-    pub(crate) w: &'a mut [T],
+    /// A movement of `z`.
+    pub(crate) direction: &'a mut [T],
     /// Row of `M` under consideration, its coefficients and remainder.
     pub(crate) m: &'a mut [T],
     pub(crate) a: &'a mut [T],
@@ -41,7 +38,10 @@ pub struct Workspace<'a, T> {
     pub(crate) half: &'a mut [T],
     /// The plan in force: the last accepted solution, shifted as time went by.
     pub(crate) plan: &'a mut [T],
+    /// `H z + f`.
     pub(crate) gradient: &'a mut [T],
+    /// `‖H z + f + G_Wᵀλ‖_∞` over the size of its terms, from the last settling.
+    pub(crate) stationarity: T,
     pub(crate) set_point: &'a mut [T],
     pub(crate) x: &'a mut [T],
     pub(crate) input: &'a mut [T],
@@ -73,25 +73,24 @@ impl<'a, T: Scalar> Workspace<'a, T> {
             head
         };
         let (active, proof_rows) = indices.split_at_mut(nz);
-        // Vectors of length nz: 2 for the factors, 1 for pricing, 15 below (`half` counts twice, `proof` has one more entry).
-        const { assert!(WORK_VECTORS == 2 + 1 + 15) };
+        // Vectors of length nz: 2 for the factors, 1 for pricing, 13 below (`half` counts twice, `proof` has one more entry).
+        const { assert!(WORK_VECTORS == 2 + 1 + 13) };
         Ok(Self {
             dims,
             factor: Factor::new(nz, active, take(nz * nz), take(nz * (nz - 1) / 2), take(nz), take(nz)),
             pricing: Pricing::new(take(dims.rows), take(dims.rows), take(dims.states), take(nz)),
             lambda: take(nz),
-            free: take(nz),
-            free_set_point: take(nz),
             linear_set_point: take(nz),
             linear: take(nz),
             z: take(nz),
-            w: take(nz),
+            direction: take(nz),
             m: take(nz),
             a: take(nz),
             rho: take(nz),
             half: take(2 * nz),
             plan: take(nz),
             gradient: take(nz),
+            stationarity: T::INFINITY,
             set_point: take(dims.set_point),
             x: take(dims.states),
             input: take(dims.inputs),
