@@ -7,7 +7,9 @@
 mod common;
 
 use common::{Lcg, Problem, academic, drone};
-use mpct_runtime::{Budget, Controller, Scalar, StepStatus, WarmStart, Workspace, cast_tables, prepare};
+use mpct_runtime::{
+    Budget, Controller, Scalar, StepStatus, WarmStart, Workspace, cast_tables, prepare,
+};
 use std::time::Instant;
 
 fn run<T: Scalar>(name: &str, problem: &Problem, warm: WarmStart, spread: &[f64]) {
@@ -15,8 +17,14 @@ fn run<T: Scalar>(name: &str, problem: &Problem, warm: WarmStart, spread: &[f64]
     let (mut buffer, mut scratch) = (vec![0.0; dims.tables_len()], vec![0.0; dims.prepare_len()]);
     prepare(&problem.data(), &mut buffer, &mut scratch).unwrap();
     let mut cast = vec![T::ZERO; dims.tables_len()];
-    let tables = cast_tables(dims, &buffer, &mut cast).unwrap().with_shift(&problem.shift).unwrap();
-    let (mut numbers, mut indices) = (vec![T::ZERO; dims.workspace_len()], vec![0; dims.index_len()]);
+    let tables = cast_tables(dims, &buffer, &mut cast)
+        .unwrap()
+        .with_shift(&problem.shift)
+        .unwrap();
+    let (mut numbers, mut indices) = (
+        vec![T::ZERO; dims.workspace_len()],
+        vec![0; dims.index_len()],
+    );
     let workspace = Workspace::new(dims, &mut numbers, &mut indices).unwrap();
     let mut controller = Controller::new(tables, workspace).unwrap();
     controller.set_warm_start(warm);

@@ -42,7 +42,13 @@ enum Stop<T> {
 }
 
 /// Computes `f` for the new data. What depends on the set-point only is kept while it stays.
-pub(crate) fn load<T: Scalar>(tables: &Tables<'_, T>, ws: &mut Workspace<'_, T>, x: &[T], r: &[T], fresh: bool) {
+pub(crate) fn load<T: Scalar>(
+    tables: &Tables<'_, T>,
+    ws: &mut Workspace<'_, T>,
+    x: &[T],
+    r: &[T],
+    fresh: bool,
+) {
     if fresh || ws.set_point != r {
         ws.set_point.copy_from_slice(r);
         ws.linear_set_point.fill(T::ZERO);
@@ -68,7 +74,14 @@ pub(crate) fn solve<T: Scalar>(
                 ws.factor.clear();
                 ws.z.fill(T::ZERO);
             } else {
-                let Workspace { factor, half, a, rho, m, .. } = ws;
+                let Workspace {
+                    factor,
+                    half,
+                    a,
+                    rho,
+                    m,
+                    ..
+                } = ws;
                 factor.rebuild(half, a, rho, m);
                 // Rebuilding keeps the order unless a row proved dependent; then no multiplier is known.
                 ws.lambda.fill(T::ZERO);
@@ -123,7 +136,11 @@ fn run<T: Scalar>(
                 if !gain.is_finite() {
                     return Err(Stop::Trouble);
                 }
-                stalled = if gain > T::EPSILON * gained { 0 } else { stalled + 1 };
+                stalled = if gain > T::EPSILON * gained {
+                    0
+                } else {
+                    stalled + 1
+                };
                 gained += gain;
                 if stalled > STALLED {
                     return Err(Stop::Trouble);
@@ -217,7 +234,13 @@ fn settle<T: Scalar>(
 }
 
 /// `z −= t R⁻¹ m`.
-fn subtract_root<T: Scalar>(tables: &Tables<'_, T>, m: &[T], t: T, direction: &mut [T], z: &mut [T]) {
+fn subtract_root<T: Scalar>(
+    tables: &Tables<'_, T>,
+    m: &[T],
+    t: T,
+    direction: &mut [T],
+    z: &mut [T],
+) {
     direction.fill(T::ZERO);
     upper_mul_add(tables.root_inverse, m, direction);
     axpy(-t, direction, z);
@@ -225,7 +248,9 @@ fn subtract_root<T: Scalar>(tables: &Tables<'_, T>, m: &[T], t: T, direction: &m
 
 enum Added<T> {
     /// And raised the lower bound by `gain`.
-    Entered { gain: T },
+    Entered {
+        gain: T,
+    },
     Infeasible(T),
     Undecided,
 }
@@ -322,7 +347,11 @@ fn spend<T>(budget: &mut Budget<'_>, iterations: &mut u32) -> Result<(), Stop<T>
 }
 
 /// Loads a claimed working set. Rows that do not exist, repeat or depend on others are skipped.
-pub(crate) fn warm_start<T: Scalar>(tables: &Tables<'_, T>, ws: &mut Workspace<'_, T>, rows: &mut dyn Iterator<Item = u32>) {
+pub(crate) fn warm_start<T: Scalar>(
+    tables: &Tables<'_, T>,
+    ws: &mut Workspace<'_, T>,
+    rows: &mut dyn Iterator<Item = u32>,
+) {
     ws.factor.clear();
     ws.pricing.forget();
     ws.lambda.fill(T::ZERO);
@@ -332,7 +361,11 @@ pub(crate) fn warm_start<T: Scalar>(tables: &Tables<'_, T>, ws: &mut Workspace<'
 }
 
 /// Moves working set and multipliers one stage earlier, where the shifted solution has them.
-pub(crate) fn shift_working_set<T: Scalar>(tables: &Tables<'_, T>, ws: &mut Workspace<'_, T>, shift: &[u32]) {
+pub(crate) fn shift_working_set<T: Scalar>(
+    tables: &Tables<'_, T>,
+    ws: &mut Workspace<'_, T>,
+    shift: &[u32],
+) {
     let k = ws.factor.len();
     ws.proof_len = 0;
     ws.proof_rows[..k].copy_from_slice(ws.factor.index());
@@ -340,7 +373,10 @@ pub(crate) fn shift_working_set<T: Scalar>(tables: &Tables<'_, T>, ws: &mut Work
     ws.factor.clear();
     ws.pricing.forget();
     for i in 0..k {
-        let row = shift.get(ws.proof_rows[i] as usize).copied().unwrap_or(NO_ROW);
+        let row = shift
+            .get(ws.proof_rows[i] as usize)
+            .copied()
+            .unwrap_or(NO_ROW);
         let multiplier = ws.proof[i];
         push_row(tables, ws, row, multiplier);
     }
@@ -349,7 +385,10 @@ pub(crate) fn shift_working_set<T: Scalar>(tables: &Tables<'_, T>, ws: &mut Work
 /// Adds a row without looking at the solution; skips what does not exist, repeats, or depends on the others.
 fn push_row<T: Scalar>(tables: &Tables<'_, T>, ws: &mut Workspace<'_, T>, row: u32, multiplier: T) {
     let k = ws.factor.len();
-    if row as usize >= tables.dims.rows || k == tables.dims.variables() || ws.factor.index().contains(&row) {
+    if row as usize >= tables.dims.rows
+        || k == tables.dims.variables()
+        || ws.factor.index().contains(&row)
+    {
         return;
     }
     upper_transpose_mul(tables.root_inverse, tables.g_row(row as usize), ws.m);

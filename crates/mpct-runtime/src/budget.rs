@@ -26,7 +26,10 @@ impl<'c> Budget<'c> {
 
     /// At most `iterations` changes of the working set.
     pub fn iterations(iterations: u32) -> Self {
-        Self { iterations, stop: None }
+        Self {
+            iterations,
+            stop: None,
+        }
     }
 
     /// Also stops as soon as `stop` returns true. It is asked before every iteration. After that, a step still costs

@@ -69,7 +69,10 @@ impl Dims {
     }
 
     pub(crate) fn check(&self) -> Result<(), TableError> {
-        let nz = self.horizon.checked_add(1).and_then(|s| s.checked_mul(self.inputs));
+        let nz = self
+            .horizon
+            .checked_add(1)
+            .and_then(|s| s.checked_mul(self.inputs));
         let fits = |a: usize, b: usize| a.checked_mul(b).is_some_and(|p| p < usize::MAX / 64);
         match nz {
             Some(nz)
@@ -77,11 +80,16 @@ impl Dims {
                     && self.inputs > 0
                     && self.rows < u32::MAX as usize
                     && fits(nz, nz)
-                    && fits(nz.saturating_add(self.states).saturating_add(4), self.rows.saturating_add(1))
+                    && fits(
+                        nz.saturating_add(self.states).saturating_add(4),
+                        self.rows.saturating_add(1),
+                    )
                     && fits(nz, self.states.saturating_add(self.set_point))
                     && fits(
                         self.inputs,
-                        self.states.saturating_add(self.inputs).saturating_add(self.input_rows),
+                        self.states
+                            .saturating_add(self.inputs)
+                            .saturating_add(self.input_rows),
                     ) =>
             {
                 Ok(())

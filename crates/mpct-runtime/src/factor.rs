@@ -48,7 +48,16 @@ impl<'a, T: Scalar> Factor<'a, T> {
         diagonal: &'a mut [T],
         column: &'a mut [T],
     ) -> Self {
-        Self { nz, len: 0, index, rows, lower, diagonal, column, removals: 0 }
+        Self {
+            nz,
+            len: 0,
+            index,
+            rows,
+            lower,
+            diagonal,
+            column,
+            removals: 0,
+        }
     }
 
     pub fn len(&self) -> usize {
@@ -229,12 +238,22 @@ mod tests {
         const NZ: usize = 6;
         let mut state = 7_u64;
         let mut random = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
             (state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5
         };
-        let (mut index, mut rows, mut lower) = ([0_u32; NZ], [0.0; NZ * NZ], [0.0; NZ * (NZ - 1) / 2]);
+        let (mut index, mut rows, mut lower) =
+            ([0_u32; NZ], [0.0; NZ * NZ], [0.0; NZ * (NZ - 1) / 2]);
         let (mut diagonal, mut column) = ([0.0; NZ], [0.0; NZ]);
-        let mut factor = Factor::new(NZ, &mut index, &mut rows, &mut lower, &mut diagonal, &mut column);
+        let mut factor = Factor::new(
+            NZ,
+            &mut index,
+            &mut rows,
+            &mut lower,
+            &mut diagonal,
+            &mut column,
+        );
         let (mut half, mut a, mut rho) = ([0.0; 2 * NZ], [0.0; NZ], [0.0; NZ]);
         for round in 0..500_u32 {
             if factor.len() == NZ || (factor.len() > 0 && random() > 0.2) {
@@ -251,7 +270,10 @@ mod tests {
             let mut image = [0.0; NZ];
             factor.subtract(&y[..k], &mut image);
             for i in 0..k {
-                assert!((dot(factor.row(i), &image) + right[i]).abs() < 1e-7, "{round}");
+                assert!(
+                    (dot(factor.row(i), &image) + right[i]).abs() < 1e-7,
+                    "{round}"
+                );
             }
         }
     }

@@ -38,7 +38,13 @@ pub fn prepare<'t, T: Scalar>(
 ) -> Result<Tables<'t, T>, TableError> {
     let dims = data.dims;
     dims.check()?;
-    let (n, m, nz, nr, rows) = (dims.states, dims.inputs, dims.variables(), dims.set_point, dims.rows);
+    let (n, m, nz, nr, rows) = (
+        dims.states,
+        dims.inputs,
+        dims.variables(),
+        dims.set_point,
+        dims.rows,
+    );
     expect("tables", dims.tables_len(), out.len())?;
     expect("scratch", dims.prepare_len(), scratch.len())?;
     for (what, slice, len) in [
@@ -69,7 +75,11 @@ pub fn prepare<'t, T: Scalar>(
     let g = take(&mut rest, rows * nz);
     let w = take(&mut rest, rows * n);
     let scale = take(&mut rest, rows);
-    let reach = [take(&mut rest, rows), take(&mut rest, rows), take(&mut rest, rows)];
+    let reach = [
+        take(&mut rest, rows),
+        take(&mut rest, rows),
+        take(&mut rest, rows),
+    ];
     for row in 0..rows {
         let given = &data.rows[row * nz..(row + 1) * nz];
         let image = &mut scratch[..nz];
@@ -132,7 +142,15 @@ pub fn cast_tables<'t, T: Scalar, U: Scalar>(
 }
 
 fn expect(what: &'static str, expected: usize, found: usize) -> Result<(), TableError> {
-    if expected == found { Ok(()) } else { Err(TableError::Length { what, expected, found }) }
+    if expected == found {
+        Ok(())
+    } else {
+        Err(TableError::Length {
+            what,
+            expected,
+            found,
+        })
+    }
 }
 
 fn take<'s, T>(rest: &mut &'s mut [T], len: usize) -> &'s mut [T] {
@@ -155,7 +173,11 @@ fn norm_upper<T: Scalar>(x: &[T]) -> T {
 /// The power of two that brings `length` into `[1, 2)`, within bounds.
 fn row_scale<T: Scalar>(length: T) -> T {
     let scale = length.inverse_power_of_two();
-    if scale <= T::MAX_ROW_SCALE && scale * T::MAX_ROW_SCALE >= T::ONE { scale } else { T::ONE }
+    if scale <= T::MAX_ROW_SCALE && scale * T::MAX_ROW_SCALE >= T::ONE {
+        scale
+    } else {
+        T::ONE
+    }
 }
 
 /// Where row `k` of a packed upper triangle begins, minus `k`: entry `(k, j)` is at `base + j`.
@@ -176,7 +198,10 @@ fn cholesky_packed<T: Scalar>(nz: usize, h: &[T], r: &mut [T]) -> Result<(), Tab
         let pivot = r[base(nz, k) + k];
         // A pivot that is all rounding is as bad as a negative one.
         if !(pivot > T::EPSILON * h[k * nz + k]) {
-            return Err(TableError::NotPositiveDefinite { index: k, pivot: pivot.to_f64() });
+            return Err(TableError::NotPositiveDefinite {
+                index: k,
+                pivot: pivot.to_f64(),
+            });
         }
         let inverse = T::ONE / pivot.sqrt_core();
         for j in k..nz {

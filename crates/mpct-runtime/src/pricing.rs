@@ -40,7 +40,14 @@ pub(crate) struct Priced<T> {
 
 impl<'a, T: Scalar> Pricing<'a, T> {
     pub fn new(key: &'a mut [T], bound: &'a mut [T], x: &'a mut [T], z: &'a mut [T]) -> Self {
-        Self { key, bound, x, z, path: [T::ZERO; 3], forget: true }
+        Self {
+            key,
+            bound,
+            x,
+            z,
+            path: [T::ZERO; 3],
+            forget: true,
+        }
     }
 
     /// Forgets every bound.
@@ -87,11 +94,20 @@ impl<'a, T: Scalar> Pricing<'a, T> {
     pub fn price(&mut self, tables: &Tables<'_, T>, z: &[T], working: &[u32]) -> Priced<T> {
         self.travel(tables, z, working);
         let [p0, p1, p2] = self.path;
-        let mut found = Priced { worst: None, violation: T::ZERO, broken: false, evaluated: 0 };
+        let mut found = Priced {
+            worst: None,
+            violation: T::ZERO,
+            broken: false,
+            evaluated: 0,
+        };
         let mut best = T::ZERO;
         let mut first = 0;
         while first < self.key.len() {
-            let end = if first + BLOCK < self.key.len() { first + BLOCK } else { self.key.len() };
+            let end = if first + BLOCK < self.key.len() {
+                first + BLOCK
+            } else {
+                self.key.len()
+            };
             let mut reached = [T::ZERO; BLOCK];
             let mut any = false;
             for ((((r, &a), &b), &d), &key) in reached

@@ -33,6 +33,14 @@ pub(crate) fn proof_radius<T: Scalar>(
         return None;
     }
     let size = max_abs(image);
-    let radius = if size > T::ZERO { -bound / size } else { T::INFINITY };
-    if radius > T::PROOF_RADIUS { Some(radius) } else { None }
+    let radius = if size > T::ZERO {
+        -bound / size
+    } else {
+        T::INFINITY
+    };
+    if radius > T::PROOF_RADIUS {
+        Some(radius)
+    } else {
+        None
+    }
 }

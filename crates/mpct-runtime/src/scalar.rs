@@ -176,7 +176,14 @@ impl Scalar for f64 {
     const PROOF_RADIUS: Self = 1e6;
     const REACH: Self = 1e4;
     const MAX_ROW_SCALE: Self = 1_099_511_627_776.0; // 2^40
-    scalar!(f64, u64, 52, 1023_u64, 324_518_553_658_426_726_783_156_020_576_256.0, 5.551_115_123_125_783e-17);
+    scalar!(
+        f64,
+        u64,
+        52,
+        1023_u64,
+        324_518_553_658_426_726_783_156_020_576_256.0,
+        5.551_115_123_125_783e-17
+    );
 }
 
 impl Scalar for f32 {
@@ -195,7 +202,14 @@ impl Scalar for f32 {
     const PROOF_RADIUS: Self = 1e3;
     const REACH: Self = 4.0;
     const MAX_ROW_SCALE: Self = 1_048_576.0; // 2^20
-    scalar!(f32, u32, 23, 127_u32, 18_014_398_509_481_984.0, 7.450_580_6e-9);
+    scalar!(
+        f32,
+        u32,
+        23,
+        127_u32,
+        18_014_398_509_481_984.0,
+        7.450_580_6e-9
+    );
 }
 
 #[cfg(test)]
@@ -207,8 +221,14 @@ mod tests {
         let mut x = 1e-320_f64;
         while x < 1e300 {
             let root = x.sqrt_core();
-            assert!((root * root / x - 1.0).abs() < if x < 1e-300 { 1e-3 } else { 1e-15 }, "{x:e} {root:e}");
-            assert!(x.sqrt_upper() >= root && (x < 1e-307 || x.sqrt_upper() <= root * 1.00001), "{x:e}");
+            assert!(
+                (root * root / x - 1.0).abs() < if x < 1e-300 { 1e-3 } else { 1e-15 },
+                "{x:e} {root:e}"
+            );
+            assert!(
+                x.sqrt_upper() >= root && (x < 1e-307 || x.sqrt_upper() <= root * 1.00001),
+                "{x:e}"
+            );
             x *= 3.7;
         }
         assert_eq!(0.0_f64.sqrt_core(), 0.0);

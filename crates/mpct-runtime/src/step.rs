@@ -99,13 +99,25 @@ impl<T: Scalar> core::fmt::Display for StepError<T> {
         match *self {
             Self::StateNotFinite { index } => write!(f, "state {index} is not finite"),
             Self::SetPointNotFinite { index } => write!(f, "set-point entry {index} is not finite"),
-            Self::WrongLength { what, expected, found } => write!(f, "{what} has length {found}, expected {expected}"),
+            Self::WrongLength {
+                what,
+                expected,
+                found,
+            } => write!(f, "{what} has length {found}, expected {expected}"),
             Self::Infeasible { radius } => {
-                write!(f, "infeasible, proved for every solution with 1-norm below {:e}", radius.to_f64())
+                write!(
+                    f,
+                    "infeasible, proved for every solution with 1-norm below {:e}",
+                    radius.to_f64()
+                )
             }
-            Self::NoCandidate { why: Why::IterationLimit } => write!(f, "iteration limit, and no earlier plan"),
+            Self::NoCandidate {
+                why: Why::IterationLimit,
+            } => write!(f, "iteration limit, and no earlier plan"),
             Self::NoCandidate { why: Why::Deadline } => write!(f, "deadline, and no earlier plan"),
-            Self::NoCandidate { why: Why::SolverFailed } => write!(f, "the solver failed, and there is no earlier plan"),
+            Self::NoCandidate {
+                why: Why::SolverFailed,
+            } => write!(f, "the solver failed, and there is no earlier plan"),
         }
     }
 }
@@ -160,7 +172,11 @@ impl<'a, T: Scalar> Controller<'a, T> {
     pub fn new(tables: Tables<'a, T>, workspace: Workspace<'a, T>) -> Result<Self, TableError> {
         if tables.dims != workspace.dims {
             let (expected, found) = (tables.dims.workspace_len(), workspace.dims.workspace_len());
-            return Err(TableError::Length { what: "workspace", expected, found });
+            return Err(TableError::Length {
+                what: "workspace",
+                expected,
+                found,
+            });
         }
         let warm_start = WarmStart::default();
         let mut controller = Self {
@@ -197,14 +213,24 @@ impl<'a, T: Scalar> Controller<'a, T> {
         self.ws.plan.fill(T::ZERO);
         self.ws.z.fill(T::ZERO);
         self.ws.proof_len = 0;
-        (self.has_plan, self.is_optimum, self.is_fresh, self.is_claimed) = (false, false, true, false);
+        (
+            self.has_plan,
+            self.is_optimum,
+            self.is_fresh,
+            self.is_claimed,
+        ) = (false, false, true, false);
     }
 
     /// The input for the measured state `x` (length `n`) and the set-point `r` (length `nr`).
     ///
     /// Solves the problem; when the budget ends first, falls back to the shifted candidate. See [`StepStatus`] and [`StepError`].
     /// Time passes with every call, also with one that returns an error: the plan is shifted by one stage.
-    pub fn step(&mut self, x: &[T], r: &[T], mut budget: Budget<'_>) -> Result<Step<'_, T>, StepError<T>> {
+    pub fn step(
+        &mut self,
+        x: &[T],
+        r: &[T],
+        mut budget: Budget<'_>,
+    ) -> Result<Step<'_, T>, StepError<T>> {
         let dims = self.tables.dims;
         if self.has_plan {
             shift_plan(self.ws.plan, dims.inputs);
@@ -222,8 +248,12 @@ impl<'a, T: Scalar> Controller<'a, T> {
 
         match (self.is_claimed, self.warm_start, self.tables.shift) {
             (true, ..) | (_, WarmStart::Keep, _) | (_, WarmStart::Shift, None) => {}
-            (_, WarmStart::Shift, Some(shift)) => active_set::shift_working_set(&self.tables, &mut self.ws, shift),
-            (_, WarmStart::Cold, _) => active_set::warm_start(&self.tables, &mut self.ws, &mut core::iter::empty()),
+            (_, WarmStart::Shift, Some(shift)) => {
+                active_set::shift_working_set(&self.tables, &mut self.ws, shift)
+            }
+            (_, WarmStart::Cold, _) => {
+                active_set::warm_start(&self.tables, &mut self.ws, &mut core::iter::empty())
+            }
         }
         active_set::load(&self.tables, &mut self.ws, x, r, self.is_fresh);
         (self.is_fresh, self.is_claimed) = (false, false);
@@ -233,7 +263,8 @@ impl<'a, T: Scalar> Controller<'a, T> {
             budget.iterations = limit as u32;
         }
         let mut iterations = 0;
-        let why = match active_set::solve(&self.tables, &mut self.ws, &mut budget, &mut iterations) {
+        let why = match active_set::solve(&self.tables, &mut self.ws, &mut budget, &mut iterations)
+        {
             Outcome::Optimal { violation } => {
                 self.ws.plan.copy_from_slice(self.ws.z);
                 (self.has_plan, self.is_optimum) = (true, true);
@@ -272,7 +303,11 @@ impl<'a, T: Scalar> Controller<'a, T> {
             axpy(T::ONE, ws.linear, ws.gradient);
         }
         let cost = T::HALF * (dot(ws.plan, ws.gradient) + dot(ws.plan, ws.linear));
-        let stationarity = if self.is_optimum { ws.stationarity } else { T::INFINITY };
+        let stationarity = if self.is_optimum {
+            ws.stationarity
+        } else {
+            T::INFINITY
+        };
 
         ws.input.fill(T::ZERO);
         gemv_add(tables.gain, ws.x, ws.input);
@@ -306,7 +341,11 @@ impl<'a, T: Scalar> Controller<'a, T> {
         if slice.len() == expected {
             Ok(())
         } else {
-            Err(StepError::WrongLength { what, expected, found: slice.len() })
+            Err(StepError::WrongLength {
+                what,
+                expected,
+                found: slice.len(),
+            })
         }
     }
 
@@ -318,15 +357,23 @@ impl<'a, T: Scalar> Controller<'a, T> {
     /// The active rows of the last step and their multipliers `yᵢ ≥ 0` (of the rows as given, not scaled).
     /// Empty unless the step was optimal. `Hz + f + Σ yᵢ Gᵢᵀ = 0`.
     pub fn multipliers(&self) -> impl Iterator<Item = (usize, T)> + '_ {
-        let count = if self.is_optimum { self.ws.factor.len() } else { 0 };
-        let rows = self.ws.factor.index()[..count].iter().zip(self.ws.lambda.iter());
+        let count = if self.is_optimum {
+            self.ws.factor.len()
+        } else {
+            0
+        };
+        let rows = self.ws.factor.index()[..count]
+            .iter()
+            .zip(self.ws.lambda.iter());
         rows.map(|(&row, &multiplier)| (row as usize, multiplier * self.tables.scale[row as usize]))
     }
 
     /// The rows and multipliers `yᵢ ≥ 0` that prove the last step infeasible (of the rows as given, not scaled): `Gᵀy ≈ 0`, `b(x)ᵀy < 0`.
     /// Empty unless the last step returned [`StepError::Infeasible`].
     pub fn proof(&self) -> impl Iterator<Item = (usize, T)> + '_ {
-        let rows = self.ws.proof_rows[..self.ws.proof_len].iter().zip(self.ws.proof.iter());
+        let rows = self.ws.proof_rows[..self.ws.proof_len]
+            .iter()
+            .zip(self.ws.proof.iter());
         rows.map(|(&row, &multiplier)| (row as usize, multiplier * self.tables.scale[row as usize]))
     }
 

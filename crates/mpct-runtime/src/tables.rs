@@ -120,14 +120,24 @@ pub enum TableError {
 impl core::fmt::Display for TableError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match *self {
-            Self::Length { what, expected, found } => write!(f, "{what} has length {found}, expected {expected}"),
+            Self::Length {
+                what,
+                expected,
+                found,
+            } => write!(f, "{what} has length {found}, expected {expected}"),
             Self::Dimensions => write!(f, "a dimension is zero or too large"),
             Self::NotFinite { what, index } => write!(f, "{what}[{index}] is not finite"),
             Self::NotPositiveDefinite { index, pivot } => {
-                write!(f, "the Hessian is not positive definite: pivot {index} is {pivot:e}")
+                write!(
+                    f,
+                    "the Hessian is not positive definite: pivot {index} is {pivot:e}"
+                )
             }
             Self::Damaged { row } => write!(f, "the tables of row {row} contradict each other"),
-            Self::Shift { row, found } => write!(f, "the shift map sends row {row} to {found}, which does not exist"),
+            Self::Shift { row, found } => write!(
+                f,
+                "the shift map sends row {row} to {found}, which does not exist"
+            ),
         }
     }
 }
@@ -142,12 +152,25 @@ impl<'a, T: Scalar> Tables<'a, T> {
     pub fn from_slice(dims: Dims, slice: &'a [T]) -> Result<Self, TableError> {
         dims.check()?;
         if slice.len() != dims.tables_len() {
-            return Err(TableError::Length { what: "tables", expected: dims.tables_len(), found: slice.len() });
+            return Err(TableError::Length {
+                what: "tables",
+                expected: dims.tables_len(),
+                found: slice.len(),
+            });
         }
         if let Some(index) = slice.iter().position(|v| !v.is_finite()) {
-            return Err(TableError::NotFinite { what: "tables", index });
+            return Err(TableError::NotFinite {
+                what: "tables",
+                index,
+            });
         }
-        let (n, m, nz, nr, rows) = (dims.states, dims.inputs, dims.variables(), dims.set_point, dims.rows);
+        let (n, m, nz, nr, rows) = (
+            dims.states,
+            dims.inputs,
+            dims.variables(),
+            dims.set_point,
+            dims.rows,
+        );
         let mut rest = slice;
         let mut take = |len: usize| {
             let (head, tail) = rest.split_at(len);
@@ -196,7 +219,11 @@ impl<'a, T: Scalar> Tables<'a, T> {
     /// Errors: length, a row that does not exist.
     pub fn with_shift(mut self, shift: &'a [u32]) -> Result<Self, TableError> {
         if shift.len() != self.dims.rows {
-            return Err(TableError::Length { what: "shift map", expected: self.dims.rows, found: shift.len() });
+            return Err(TableError::Length {
+                what: "shift map",
+                expected: self.dims.rows,
+                found: shift.len(),
+            });
         }
         for (row, &found) in shift.iter().enumerate() {
             if found != NO_ROW && found as usize >= self.dims.rows {

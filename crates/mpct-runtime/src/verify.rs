@@ -23,9 +23,12 @@ impl<T: Scalar> Verification<T> {
     /// The largest of primal, dual and stationarity (over `scale`), complementarity and gap (over `scale`).
     pub fn worst(&self) -> T {
         let mut worst = self.primal;
-        for other in
-            [self.dual / self.scale, self.stationarity / self.scale, self.complementarity / self.scale, self.gap / self.scale]
-        {
+        for other in [
+            self.dual / self.scale,
+            self.stationarity / self.scale,
+            self.complementarity / self.scale,
+            self.gap / self.scale,
+        ] {
             // Written so that NaN counts as worst.
             if !(other <= worst) {
                 worst = other;
@@ -45,7 +48,14 @@ impl<T: Scalar> Verification<T> {
 /// let v = mpct_runtime::verify(&[1.0], &[-2.0], &[1.0], &[1.0], &[2.0], &[0.0]).unwrap();
 /// assert_eq!(v.primal, 1.0);
 /// ```
-pub fn verify<T: Scalar>(h: &[T], f: &[T], g: &[T], b: &[T], z: &[T], y: &[T]) -> Option<Verification<T>> {
+pub fn verify<T: Scalar>(
+    h: &[T],
+    f: &[T],
+    g: &[T],
+    b: &[T],
+    z: &[T],
+    y: &[T],
+) -> Option<Verification<T>> {
     let (nz, rows) = (f.len(), b.len());
     if h.len() != nz * nz || g.len() != rows * nz || z.len() != nz || y.len() != rows {
         return None;
@@ -72,9 +82,19 @@ pub fn verify<T: Scalar>(h: &[T], f: &[T], g: &[T], b: &[T], z: &[T], y: &[T]) -
         }
         gap += z[j] * (hz + f[j]);
         stationarity = larger(stationarity, magnitude(hz + f[j] + gy));
-        scale = larger(larger(scale, magnitude(hz)), larger(magnitude(f[j]), magnitude(gy)));
+        scale = larger(
+            larger(scale, magnitude(hz)),
+            larger(magnitude(f[j]), magnitude(gy)),
+        );
     }
-    Some(Verification { primal, dual, stationarity, complementarity, gap: magnitude(gap), scale })
+    Some(Verification {
+        primal,
+        dual,
+        stationarity,
+        complementarity,
+        gap: magnitude(gap),
+        scale,
+    })
 }
 
 fn magnitude<T: Scalar>(v: T) -> T {

@@ -53,15 +53,27 @@ pub struct Workspace<'a, T> {
 
 impl<'a, T: Scalar> Workspace<'a, T> {
     /// Divides the buffers. Errors: a length is wrong, a dimension is zero.
-    pub fn new(dims: Dims, numbers: &'a mut [T], indices: &'a mut [u32]) -> Result<Self, TableError> {
+    pub fn new(
+        dims: Dims,
+        numbers: &'a mut [T],
+        indices: &'a mut [u32],
+    ) -> Result<Self, TableError> {
         dims.check()?;
         if numbers.len() != dims.workspace_len() {
             let (expected, found) = (dims.workspace_len(), numbers.len());
-            return Err(TableError::Length { what: "workspace numbers", expected, found });
+            return Err(TableError::Length {
+                what: "workspace numbers",
+                expected,
+                found,
+            });
         }
         if indices.len() != dims.index_len() {
             let (expected, found) = (dims.index_len(), indices.len());
-            return Err(TableError::Length { what: "workspace indices", expected, found });
+            return Err(TableError::Length {
+                what: "workspace indices",
+                expected,
+                found,
+            });
         }
         numbers.fill(T::ZERO);
         indices.fill(0);
@@ -77,8 +89,20 @@ impl<'a, T: Scalar> Workspace<'a, T> {
         const { assert!(WORK_VECTORS == 2 + 1 + 13) };
         Ok(Self {
             dims,
-            factor: Factor::new(nz, active, take(nz * nz), take(nz * (nz - 1) / 2), take(nz), take(nz)),
-            pricing: Pricing::new(take(dims.rows), take(dims.rows), take(dims.states), take(nz)),
+            factor: Factor::new(
+                nz,
+                active,
+                take(nz * nz),
+                take(nz * (nz - 1) / 2),
+                take(nz),
+                take(nz),
+            ),
+            pricing: Pricing::new(
+                take(dims.rows),
+                take(dims.rows),
+                take(dims.states),
+                take(nz),
+            ),
             lambda: take(nz),
             linear_set_point: take(nz),
             linear: take(nz),

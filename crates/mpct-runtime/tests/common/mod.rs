@@ -9,7 +9,10 @@ pub struct Lcg(pub u64);
 impl Lcg {
     /// Uniform in [0, 1).
     pub fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
         ((self.0 >> 11) as f64) / (1_u64 << 53) as f64
     }
     /// Uniform in [-1, 1).
@@ -31,7 +34,11 @@ pub struct Mat {
 
 impl Mat {
     pub fn zeros(rows: usize, cols: usize) -> Self {
-        Self { rows, cols, data: vec![0.0; rows * cols] }
+        Self {
+            rows,
+            cols,
+            data: vec![0.0; rows * cols],
+        }
     }
     pub fn identity(n: usize) -> Self {
         let mut eye = Self::zeros(n, n);
@@ -42,7 +49,11 @@ impl Mat {
     }
     pub fn from(rows: usize, cols: usize, data: &[f64]) -> Self {
         assert_eq!(data.len(), rows * cols);
-        Self { rows, cols, data: data.to_vec() }
+        Self {
+            rows,
+            cols,
+            data: data.to_vec(),
+        }
     }
     pub fn at(&self, i: usize, j: usize) -> f64 {
         self.data[i * self.cols + j]
@@ -72,21 +83,39 @@ impl Mat {
         out
     }
     pub fn add(&self, other: &Self, s: f64) -> Self {
-        let data = self.data.iter().zip(&other.data).map(|(a, b)| a + s * b).collect();
-        Self { rows: self.rows, cols: self.cols, data }
+        let data = self
+            .data
+            .iter()
+            .zip(&other.data)
+            .map(|(a, b)| a + s * b)
+            .collect();
+        Self {
+            rows: self.rows,
+            cols: self.cols,
+            data,
+        }
     }
     pub fn scaled(&self, s: f64) -> Self {
-        Self { rows: self.rows, cols: self.cols, data: self.data.iter().map(|a| a * s).collect() }
+        Self {
+            rows: self.rows,
+            cols: self.cols,
+            data: self.data.iter().map(|a| a * s).collect(),
+        }
     }
     pub fn apply(&self, x: &[f64]) -> Vec<f64> {
-        self.data.chunks(self.cols).map(|row| row.iter().zip(x).map(|(a, b)| a * b).sum()).collect()
+        self.data
+            .chunks(self.cols)
+            .map(|row| row.iter().zip(x).map(|(a, b)| a * b).sum())
+            .collect()
     }
     /// Gauss–Jordan with partial pivoting: the solution of `self · X = right`.
     pub fn solve(&self, right: &Self) -> Self {
         let n = self.rows;
         let (mut a, mut x) = (self.clone(), right.clone());
         for k in 0..n {
-            let p = (k..n).max_by(|&i, &j| a.at(i, k).abs().total_cmp(&a.at(j, k).abs())).unwrap();
+            let p = (k..n)
+                .max_by(|&i, &j| a.at(i, k).abs().total_cmp(&a.at(j, k).abs()))
+                .unwrap();
             for j in 0..n {
                 a.data.swap(k * n + j, p * n + j);
             }
@@ -167,15 +196,27 @@ impl Problem {
         fx.iter().zip(fr).map(|(a, b)| a + b).collect()
     }
     pub fn bound(&self, x: &[f64]) -> Vec<f64> {
-        Mat::from(self.dims.rows, self.dims.states, &self.rows_state).apply(x).iter().map(|v| 1.0 + v).collect()
+        Mat::from(self.dims.rows, self.dims.states, &self.rows_state)
+            .apply(x)
+            .iter()
+            .map(|v| 1.0 + v)
+            .collect()
     }
     pub fn next(&self, x: &[f64], u: &[f64]) -> Vec<f64> {
-        self.plant.a.apply(x).iter().zip(self.plant.b.apply(u)).map(|(p, q)| p + q).collect()
+        self.plant
+            .a
+            .apply(x)
+            .iter()
+            .zip(self.plant.b.apply(u))
+            .map(|(p, q)| p + q)
+            .collect()
     }
     /// Residual of the conditions of optimality, by the independent checker.
     pub fn residual(&self, x: &[f64], r: &[f64], z: &[f64], y: &[f64]) -> f64 {
         let (f, b) = (self.linear(x, r), self.bound(x));
-        mpct_runtime::verify(&self.hessian, &f, &self.rows, &b, z, y).unwrap().worst()
+        mpct_runtime::verify(&self.hessian, &f, &self.rows, &b, z, y)
+            .unwrap()
+            .worst()
     }
     /// `(‖Gᵀy‖_∞, bᵀy, min y)`.
     pub fn farkas(&self, x: &[f64], y: &[f64]) -> (f64, f64, f64) {
@@ -201,10 +242,19 @@ fn riccati(p: &Plant) -> (Mat, Mat) {
     let mut gain = Mat::zeros(m, n);
     for _ in 0..20_000 {
         let btp = p.b.t().mul(&cost);
-        gain = r.add(&btp.mul(&p.b), 1.0).solve(&btp.mul(&p.a)).scaled(-1.0);
+        gain = r
+            .add(&btp.mul(&p.b), 1.0)
+            .solve(&btp.mul(&p.a))
+            .scaled(-1.0);
         let closed = p.a.add(&p.b.mul(&gain), 1.0);
-        let next = q.add(&gain.t().mul(&r).mul(&gain), 1.0).add(&closed.t().mul(&cost).mul(&closed), 1.0);
-        let change = next.add(&cost, -1.0).data.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+        let next = q
+            .add(&gain.t().mul(&r).mul(&gain), 1.0)
+            .add(&closed.t().mul(&cost).mul(&closed), 1.0);
+        let change = next
+            .add(&cost, -1.0)
+            .data
+            .iter()
+            .fold(0.0_f64, |m, v| m.max(v.abs()));
         cost = next;
         if change < 1e-12 * cost.data.iter().fold(0.0_f64, |m, v| m.max(v.abs())) {
             break;
@@ -234,11 +284,18 @@ pub fn condense(plant: Plant, horizon: usize, terminal: usize, lambda: f64) -> P
     };
     let per_stage = 2 * (n + m);
     let mut stage_rows = |x_of_x: &Mat, x_of_z: &Mat, u_of_x: &Mat, u_of_z: &Mat, stage: usize| {
-        let parts = [(x_of_x, x_of_z, &plant.x_max), (u_of_x, u_of_z, &plant.u_max)];
+        let parts = [
+            (x_of_x, x_of_z, &plant.x_max),
+            (u_of_x, u_of_z, &plant.u_max),
+        ];
         for (of_x, of_z, limit) in parts {
             for i in 0..of_x.rows {
                 for sign in [1.0, -1.0] {
-                    shift.push(if stage == 0 { NO_ROW } else { (rows.len() / nz - per_stage) as u32 });
+                    shift.push(if stage == 0 {
+                        NO_ROW
+                    } else {
+                        (rows.len() / nz - per_stage) as u32
+                    });
                     rows.extend((0..nz).map(|j| sign * of_z.at(i, j) / limit[i]));
                     rows_state.extend((0..n).map(|j| -sign * of_x.at(i, j) / limit[i]));
                 }
@@ -255,10 +312,17 @@ pub fn condense(plant: Plant, horizon: usize, terminal: usize, lambda: f64) -> P
             }
         }
         stage_rows(&xs, &zs, &u_x, &u_z, stage);
-        let (dx, du) = (zs.add(&theta(&plant.m_x), -1.0), u_z.add(&theta(&plant.m_u), -1.0));
+        let (dx, du) = (
+            zs.add(&theta(&plant.m_x), -1.0),
+            u_z.add(&theta(&plant.m_u), -1.0),
+        );
         if stage < horizon {
-            h = h.add(&dx.t().mul(&dx), 2.0 * plant.q).add(&du.t().mul(&du), 2.0 * plant.r);
-            fx = fx.add(&dx.t().mul(&xs), 2.0 * plant.q).add(&du.t().mul(&u_x), 2.0 * plant.r);
+            h = h
+                .add(&dx.t().mul(&dx), 2.0 * plant.q)
+                .add(&du.t().mul(&du), 2.0 * plant.r);
+            fx = fx
+                .add(&dx.t().mul(&xs), 2.0 * plant.q)
+                .add(&du.t().mul(&u_x), 2.0 * plant.r);
         } else if stage == horizon {
             h = h.add(&dx.t().mul(&cost).mul(&dx), 2.0);
             fx = fx.add(&dx.t().mul(&cost).mul(&xs), 2.0);
@@ -283,7 +347,13 @@ pub fn condense(plant: Plant, horizon: usize, terminal: usize, lambda: f64) -> P
             }
             for sign in [1.0, -1.0] {
                 shift.push((rows.len() / nz) as u32);
-                rows.extend((0..nz).map(|j| if j < nz - m { 0.0 } else { sign * map.at(i, j + m - nz) / (lambda * limit[i]) }));
+                rows.extend((0..nz).map(|j| {
+                    if j < nz - m {
+                        0.0
+                    } else {
+                        sign * map.at(i, j + m - nz) / (lambda * limit[i])
+                    }
+                }));
                 rows_state.extend((0..n).map(|_| 0.0));
             }
         }
@@ -294,8 +364,14 @@ pub fn condense(plant: Plant, horizon: usize, terminal: usize, lambda: f64) -> P
             input_rows.extend((0..m).map(|j| if i == j { sign / plant.u_max[i] } else { 0.0 }));
         }
     }
-    let dims =
-        Dims { states: n, inputs: m, horizon, set_point: n + m, rows: rows.len() / nz, input_rows: 2 * m };
+    let dims = Dims {
+        states: n,
+        inputs: m,
+        horizon,
+        set_point: n + m,
+        rows: rows.len() / nz,
+        input_rows: 2 * m,
+    };
     Problem {
         plant,
         dims,
