@@ -203,9 +203,11 @@ fn settle<T: Scalar>(
             return if usable { Ok(true) } else { Err(Stop::Trouble) };
         }
         corrections += 1;
-        // z −= H⁻¹ρ.
-        upper_transpose_mul(tables.root_inverse, ws.rho, ws.m);
-        subtract_root(tables, ws.m, T::ONE, ws.direction, ws.z);
+        // z −= H⁻¹ρ, unless ρ is rounding already: in f32 that would only disturb the active rows.
+        if !(ws.stationarity <= T::STATIONARY) {
+            upper_transpose_mul(tables.root_inverse, ws.rho, ws.m);
+            subtract_root(tables, ws.m, T::ONE, ws.direction, ws.z);
+        }
         while ws.factor.len() > 0 {
             activity(tables, ws);
             ws.factor.solve(ws.a);
@@ -218,9 +220,9 @@ fn settle<T: Scalar>(
                 }
             }
             for i in 0..ws.factor.len() {
-                let before = ws.lambda[i];
-                ws.lambda[i] = (before + t * ws.a[i]).max(T::ZERO);
-                ws.a[i] = ws.lambda[i] - before;
+                // `z` takes the movement itself, not the difference of rounded multipliers: these may be 10⁶ times larger.
+                ws.a[i] = t * ws.a[i];
+                ws.lambda[i] = (ws.lambda[i] + ws.a[i]).max(T::ZERO);
             }
             ws.m.fill(T::ZERO);
             ws.factor.subtract(ws.a, ws.m);
