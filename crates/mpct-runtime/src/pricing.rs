@@ -32,10 +32,10 @@ pub(crate) struct Priced<T> {
     pub worst: Option<(usize, T)>,
     /// Largest `qᵢ`, in units of right-hand sides, over the rows outside the working set; not below 0.
     pub violation: T,
+    /// `qᵢ` of that row, or 0: what the bound of another row must exceed to matter.
+    best: T,
     /// A row gave NaN or ∞.
     pub broken: bool,
-    /// Rows evaluated.
-    pub evaluated: u32,
 }
 
 impl<'a, T: Scalar> Pricing<'a, T> {
@@ -93,55 +93,73 @@ impl<'a, T: Scalar> Pricing<'a, T> {
     /// The most violated row at `(x, z)` outside `working`.
     pub fn price(&mut self, tables: &Tables<'_, T>, z: &[T], working: &[u32]) -> Priced<T> {
         self.travel(tables, z, working);
-        let [p0, p1, p2] = self.path;
+        let path = self.path;
         let mut found = Priced {
             worst: None,
             violation: T::ZERO,
+            best: T::ZERO,
             broken: false,
-            evaluated: 0,
         };
-        let mut best = T::ZERO;
-        let mut first = 0;
-        while first < self.key.len() {
-            let end = if first + BLOCK < self.key.len() {
-                first + BLOCK
-            } else {
-                self.key.len()
+        let (a, a_rest) = tables.reach[0].as_chunks::<BLOCK>();
+        let (b, b_rest) = tables.reach[1].as_chunks::<BLOCK>();
+        let (d, d_rest) = tables.reach[2].as_chunks::<BLOCK>();
+        for (block, ((a, b), d)) in a.iter().zip(b).zip(d).enumerate() {
+            let first = block * BLOCK;
+            let Some(key) = self.key.get(first..).and_then(|k| k.first_chunk::<BLOCK>()) else {
+                break;
             };
-            let mut reached = [T::ZERO; BLOCK];
-            let mut any = false;
-            for ((((r, &a), &b), &d), &key) in reached
-                .iter_mut()
-                .zip(&tables.reach[0][first..end])
-                .zip(&tables.reach[1][first..end])
-                .zip(&tables.reach[2][first..end])
-                .zip(&self.key[first..end])
-            {
-                *r = a * p0 + b * p1 + d * p2;
-                any |= *r > key + best;
+            // `excess = bound − best`, for the block at once: this loop becomes vector instructions.
+            let mut excess = [T::ZERO; BLOCK];
+            for lane in 0..BLOCK {
+                excess[lane] =
+                    (a[lane] * path[0] + b[lane] * path[1] + d[lane] * path[2]) - key[lane];
             }
-            if any {
-                for row in first..end {
-                    if !(reached[row - first] > self.key[row] + best) {
-                        continue;
-                    }
-                    let q = self.residual(tables, row, z);
-                    self.key[row] = reached[row - first] - q;
-                    found.evaluated += 1;
-                    found.broken |= !q.is_finite();
-                    let scale = tables.scale[row];
-                    if q > T::ZERO {
-                        found.violation = found.violation.max(q / scale);
-                        if q > best && q > T::PRIMAL * scale {
-                            best = q;
-                            found.worst = Some((row, q));
-                        }
+            let mut largest = excess;
+            for half in [BLOCK / 2, BLOCK / 4, BLOCK / 8] {
+                for lane in 0..half {
+                    let other = largest[lane + half];
+                    largest[lane] = if other > largest[lane] {
+                        other
+                    } else {
+                        largest[lane]
+                    };
+                }
+            }
+            if largest[0] > found.best {
+                for (lane, &bound) in excess.iter().enumerate() {
+                    if bound > found.best {
+                        self.evaluate(tables, first + lane, z, &mut found);
                     }
                 }
             }
-            first = end;
+        }
+        let first = tables.dims.rows - a_rest.len();
+        for (lane, ((&a, &b), &d)) in a_rest.iter().zip(b_rest).zip(d_rest).enumerate() {
+            if a * path[0] + b * path[1] + d * path[2] - self.key[first + lane] > found.best {
+                self.evaluate(tables, first + lane, z, &mut found);
+            }
         }
         found
+    }
+
+    /// Measures one row and renews its bound.
+    #[inline]
+    fn evaluate(&mut self, tables: &Tables<'_, T>, row: usize, z: &[T], found: &mut Priced<T>) {
+        let q = self.residual(tables, row, z);
+        let mut reached = T::ZERO;
+        for part in 0..3 {
+            reached += tables.reach[part][row] * self.path[part];
+        }
+        self.key[row] = reached - q;
+        found.broken |= !q.is_finite();
+        if q > T::ZERO {
+            let scale = tables.scale[row];
+            found.violation = found.violation.max(q / scale);
+            if q > found.best && q > T::PRIMAL * scale {
+                found.best = q;
+                found.worst = Some((row, q));
+            }
+        }
     }
 
     /// Adds the movement to `z` to the paths; forgets the bounds when the paths are too long to be accurate.
