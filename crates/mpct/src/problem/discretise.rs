@@ -115,8 +115,8 @@ mod tests {
         let b = Matrix::from_rows(&[[0.0], [1.0]]).into();
         let (ad, bd) = zero_order_hold(&a, &b, 0.5).unwrap();
         assert!((ad.get(0, 1) - 0.5).abs() < 1e-15);
-        assert!((bd.get(0, 0) - 0.125).abs() < 1e-16);
-        assert!((bd.get(1, 0) - 0.5).abs() < 1e-16);
+        assert!((bd.get(0, 0) - 0.125).abs() < 1e-15);
+        assert!((bd.get(1, 0) - 0.5).abs() < 1e-15);
     }
 
     #[test]

@@ -24,6 +24,9 @@ const WHOLE: usize = 48;
 /// Share of the objective left out of the first choice of V.
 const FIRST_LEFTOVER: f64 = 1e-3;
 
+/// Factors by which an artificial box is widened when it stops a program.
+const WIDENINGS: [f64; 3] = [1.0, 1e2, 1e4];
+
 /// One side of a pair at a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(super) struct Side {
@@ -295,7 +298,7 @@ impl<'a> Support<'a> {
             loop {
                 let answer = self.solve_on(simplex, &objective, &chosen, count, skip);
                 last = (answer.support, answer.value);
-                match self.judge(answer, &objective, count, skip) {
+                match self.judge(answer, &objective) {
                     Judged::Verdict(v) => return Ok(v),
                     Judged::Grow(more) => {
                         let before = chosen.len();
@@ -310,20 +313,33 @@ impl<'a> Support<'a> {
             }
         }
         let all: Vec<usize> = (0..d).collect();
-        let answer = self.solve_on(simplex, &objective, &all, count, skip);
-        if last.0.is_infinite() || self.bank.dense.is_empty() {
+        // Where the box does not hold O it must not stop the program short: it is widened until it no longer does, or
+        // until a witness turns up.
+        let widenings = if self.valid.iter().all(|&v| v) {
+            &WIDENINGS[..1]
+        } else {
+            &WIDENINGS[..]
+        };
+        let mut share = 0.0;
+        for &widening in widenings {
+            let answer = if self.bank.dense.is_empty() {
+                self.solve_on(simplex, &objective, &all, count, skip)
+            } else {
+                self.solve_whole(simplex, &objective, &all, count, skip, widening)
+            };
             last = (answer.support, answer.value);
+            share = answer.artificial;
+            if let Judged::Verdict(v) = self.judge(answer, &objective) {
+                return Ok(v);
+            }
         }
-        match self.judge(answer, &objective, count, skip) {
-            Judged::Verdict(v) => Ok(v),
-            Judged::Grow(_) => Err(DesignError::Solver {
-                what: "a support of the terminal set".into(),
-                detail: format!(
-                    "its proved bounds {:.12} and {:.12} do not decide against 1",
-                    last.1, last.0
-                ),
-            }),
-        }
+        Err(DesignError::Solver {
+            what: "a support of the terminal set".into(),
+            detail: format!(
+                "its proved bounds {:.12} and {:.12} do not decide against 1 (share of the box: {share:.3e})",
+                last.1, last.0
+            ),
+        })
     }
 
     /// The variables that make up the objective but for a small share.
@@ -344,6 +360,58 @@ impl<'a> Support<'a> {
         chosen
     }
 
+    /// Solves the program on all variables, with the box of those whose box is not valid wider by a factor.
+    fn solve_whole(
+        &self,
+        simplex: &mut DualSimplex,
+        objective: &[(usize, f64)],
+        all: &[usize],
+        count: usize,
+        skip: Option<(usize, bool)>,
+        widening: f64,
+    ) -> Answer {
+        self.programs.fetch_add(1, Ordering::Relaxed);
+        let d = all.len();
+        let mut w = vec![0.0; d];
+        for &(j, value) in objective {
+            w[j] = value;
+        }
+        let factor = |j: usize| if self.valid[j] { 1.0 } else { widening };
+        let mut widened = Vec::new();
+        let coefficients = if widening == 1.0 {
+            &self.bank.dense[..count * d]
+        } else {
+            widened.extend(
+                self.bank.dense[..count * d]
+                    .iter()
+                    .enumerate()
+                    .map(|(i, v)| v * factor(i % d)),
+            );
+            w.iter_mut().enumerate().for_each(|(j, v)| *v *= factor(j));
+            &widened[..]
+        };
+        let rows = Rows {
+            width: d,
+            coefficients,
+            upper: &self.bank.upper[..count],
+            lower: &self.bank.lower[..count],
+            inverse_norms: &self.bank.norms[..count],
+        };
+        // Where the box is not known to hold O, multipliers of the box prove nothing: go on to the optimum.
+        let threshold = if self.valid.iter().all(|&v| v) {
+            1.0
+        } else {
+            f64::NEG_INFINITY
+        };
+        let mut solution = simplex.maximise(&w, &rows, threshold, skip);
+        solution
+            .z
+            .iter_mut()
+            .enumerate()
+            .for_each(|(j, z)| *z *= factor(j));
+        self.evaluate(solution, objective, all, None, count, skip)
+    }
+
     /// Solves the program on the variables `chosen` (ascending).
     fn solve_on(
         &self,
@@ -354,23 +422,7 @@ impl<'a> Support<'a> {
         skip: Option<(usize, bool)>,
     ) -> Answer {
         self.programs.fetch_add(1, Ordering::Relaxed);
-        let d = self.system.dimension();
         let v = chosen.len();
-        if v == d && !self.bank.dense.is_empty() {
-            let mut w = vec![0.0; d];
-            for &(j, value) in objective {
-                w[j] = value;
-            }
-            let rows = Rows {
-                width: d,
-                coefficients: &self.bank.dense[..count * d],
-                upper: &self.bank.upper[..count],
-                lower: &self.bank.lower[..count],
-                inverse_norms: &self.bank.norms[..count],
-            };
-            let solution = simplex.maximise(&w, &rows, 1.0, skip);
-            return self.evaluate(solution, objective, chosen, None, count, skip);
-        }
         let mut place = std::collections::HashMap::with_capacity(v);
         for (i, &j) in chosen.iter().enumerate() {
             place.insert(j, i);
@@ -508,13 +560,7 @@ impl<'a> Support<'a> {
         }
     }
 
-    fn judge(
-        &self,
-        answer: Answer,
-        objective: &[(usize, f64)],
-        _count: usize,
-        _skip: Option<(usize, bool)>,
-    ) -> Judged {
+    fn judge(&self, answer: Answer, objective: &[(usize, f64)]) -> Judged {
         if answer.artificial <= SPENT_TOLERANCE && answer.support <= 1.0 + SPENT_TOLERANCE {
             let multipliers = answer
                 .multipliers
