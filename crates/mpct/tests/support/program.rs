@@ -211,7 +211,9 @@ impl Program {
             bound += b * y;
         }
         let residual: Vec<f64> = gradient.iter().zip(&pull).map(|(g, p)| g + p).collect();
+        // In units of the weights: an optimum at the origin has no gradient to compare with.
         let scale = largest(&self.linear)
+            .max(self.hessian.iter().fold(0.0, |a, e| a.max(e.2.abs())))
             .max(largest(&gradient))
             .max(terms)
             .max(1e-300);
