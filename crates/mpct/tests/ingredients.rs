@@ -3,13 +3,13 @@
 mod support;
 
 use mpct::{DesignOptions, Problem, SetPoint, Task, TerminalIngredients};
-use support::cases;
 use support::linear::{
     self, Mat, apply, combine, dense, distance, identity, largest, max_abs, mul, quadratic,
     transpose,
 };
 use support::random::{self, Kind, Random};
 use support::reference::{Reference, SPENT, support_of};
+use support::{cases, every};
 
 fn design(problem: &Problem) -> TerminalIngredients {
     TerminalIngredients::design(problem, &DesignOptions::default())
@@ -73,7 +73,7 @@ fn zero_order_hold_is_the_matrix_exponential() {
 
 #[test]
 fn terminal_weight_solves_the_lyapunov_and_the_riccati_equation() {
-    for problem in problems(0..40) {
+    every(problems(0..40), |problem| {
         let ingredients = design(&problem);
         let r = Reference::new(&ingredients);
         let name = problem.name();
@@ -108,13 +108,13 @@ fn terminal_weight_solves_the_lyapunov_and_the_riccati_equation() {
             stated <= bound * (1.0 + 1e-9) && bound <= stated + 0.01,
             "{name}: spectral radius {stated}, bounded by {bound}"
         );
-    }
+    });
 }
 
 /// A gain of the user's own: P solves (3) for exactly this gain.
 #[test]
 fn a_gain_of_ones_own_gets_its_own_weight() {
-    for seed in 0..20 {
+    every(0..20, |seed| {
         let problem = random::problem(seed);
         let lqr = Reference::new(&design(&problem));
         let mut random = Random::new(1000 + seed);
@@ -151,13 +151,13 @@ fn a_gain_of_ones_own_gets_its_own_weight() {
             residual <= 1e-11,
             "seed {seed}: residual of (3) {residual:.1e}"
         );
-    }
+    });
 }
 
 /// (5): A x_s + B u_s = x_s for every column, and the columns are a basis of all of them.
 #[test]
 fn steady_states_are_all_equilibria() {
-    for problem in problems(0..40) {
+    every(problems(0..40), |problem| {
         let r = Reference::new(&design(&problem));
         let name = problem.name();
         let left = combine(1.0, &mul(&r.a, &r.mx), 1.0, &mul(&r.b, &r.mu));
@@ -183,7 +183,7 @@ fn steady_states_are_all_equilibria() {
             r.n,
             "{name}: rank of [A − I, B]"
         );
-    }
+    });
 }
 
 /// No row of the set can go, every row of the intersection (27) is implied by the set, and each of its rows by the
@@ -262,7 +262,7 @@ fn explicit_sets_of_many_plants_are_right() {
 /// The closest admissible equilibrium against a program in (x_s, u_s), for set-points near and far.
 #[test]
 fn closest_admissible_equilibria_agree_with_the_reference() {
-    for problem in problems(0..40) {
+    every(problems(0..40), |problem| {
         let ingredients = design(&problem);
         let r = Reference::new(&ingredients);
         let mut random = Random::new(77);
@@ -336,7 +336,7 @@ fn closest_admissible_equilibria_agree_with_the_reference() {
                 "{name}: refused without a limiting row"
             );
         }
-    }
+    });
 }
 
 /// More inputs than states: of the inputs that hold the same state, the one of least norm, where no bound forbids it.

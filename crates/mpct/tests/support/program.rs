@@ -50,6 +50,10 @@ pub enum Answer {
 const SOLVER_TOLERANCE: f64 = 1e-10;
 /// Demanded of its answer, relative to the size of what is compared.
 const CHECK_TOLERANCE: f64 = 1e-7;
+/// Demanded of an answer that is sharpened afterwards.
+const START_TOLERANCE: f64 = 1e-5;
+/// Demanded of a sharpened answer.
+const SHARP_TOLERANCE: f64 = 1e-9;
 /// A proof of infeasibility must reach this far.
 const PROOF_RADIUS: f64 = 1e5;
 
@@ -118,6 +122,10 @@ impl Program {
 
     /// Solves, and checks the answer.
     pub fn solve(&self) -> Answer {
+        self.solve_within(CHECK_TOLERANCE)
+    }
+
+    fn solve_within(&self, tolerance: f64) -> Answer {
         // Only the ratio of costs matters: Clarabel's tolerances are absolute where values are below 1.
         let size = largest(&self.linear)
             .max(self.hessian.iter().fold(0.0, |a, e| a.max(e.2.abs())))
@@ -178,7 +186,7 @@ impl Program {
                 };
                 let error = self.error(&solution);
                 assert!(
-                    error <= CHECK_TOLERANCE,
+                    error <= tolerance,
                     "the reference's solver: {status:?}, error {error:.3e}, {} variables, {} rows",
                     self.variables,
                     bounds.len()
@@ -203,7 +211,9 @@ impl Program {
             bound += b * y;
         }
         let residual: Vec<f64> = gradient.iter().zip(&pull).map(|(g, p)| g + p).collect();
+        // In units of the weights: an optimum at the origin has no gradient to compare with.
         let scale = largest(&self.linear)
+            .max(self.hessian.iter().fold(0.0, |a, e| a.max(e.2.abs())))
             .max(largest(&gradient))
             .max(terms)
             .max(1e-300);
@@ -261,7 +271,7 @@ impl Program {
     /// and Tucker solved by elimination, and the guess mended until multipliers and slacks have the right sign. Needs
     /// a unique optimum, and few variables.
     pub fn solve_sharply(&self) -> Answer {
-        let start = match self.solve() {
+        let start = match self.solve_within(START_TOLERANCE) {
             Answer::Optimal(s) => s,
             other => return other,
         };
@@ -299,6 +309,11 @@ impl Program {
         for y in &mut best.at_most {
             *y = y.max(0.0);
         }
+        let error = self.error(&best);
+        assert!(
+            error <= SHARP_TOLERANCE,
+            "the reference's sharp solution: error {error:.3e}"
+        );
         Answer::Optimal(best)
     }
 

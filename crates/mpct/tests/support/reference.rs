@@ -303,6 +303,10 @@ impl Reference {
                 program.equal.push((row, 0.0));
             }
             for (c, d) in self.c.iter().zip(&self.d) {
+                // (30c) starts at x_1: rows of the state alone are not asked of x_0.
+                if j == 0 && linear::largest(d) == 0.0 {
+                    continue;
+                }
                 let mut row: Row = sparse(c)
                     .iter()
                     .map(|&(s, v)| (layout.x(j) + s, v))
