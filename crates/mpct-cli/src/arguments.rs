@@ -95,6 +95,17 @@ pub struct Simulate {
     /// Where the trajectories go [default: the name of the file, .csv, in this folder]
     #[arg(long, value_name = "FILE")]
     pub csv: Option<PathBuf>,
+    /// Also draw some states and inputs as one SVG file
+    #[arg(long, value_name = "FILE")]
+    pub picture: Option<PathBuf>,
+    /// States and inputs in the picture, by name, comma separated [default: the first four states and two inputs]
+    #[arg(
+        long,
+        value_delimiter = ',',
+        value_name = "NAMES",
+        requires = "picture"
+    )]
+    pub signals: Vec<String>,
     /// Write neither report nor trajectories, unless named
     #[arg(long)]
     pub no_files: bool,

@@ -11,7 +11,7 @@ use crate::control::SetPoint;
 use crate::error::DesignError;
 use crate::matrix::{Matrix, SparseMatrix};
 use crate::problem::file::ProblemFile;
-use crate::problem::{Constraints, Plant, Problem, Weights};
+use crate::problem::{Constraints, Labels, Plant, Problem, Weights};
 use crate::simulation::{ScheduledSetPoint, Simulation};
 use std::f64::consts::FRAC_PI_4;
 
@@ -41,6 +41,11 @@ fn box_around(upper_state: &[f64], upper_input: &[f64]) -> Result<Constraints, D
     Constraints::new(upper_state.len(), upper_input.len())
         .state_bounds(&minus(upper_state), upper_state)?
         .input_bounds(&minus(upper_input), upper_input)
+}
+
+/// The words of a text, which has no blank inside of a word.
+fn words(text: &str) -> Vec<String> {
+    text.split_whitespace().map(String::from).collect()
 }
 
 /// The plant of section 4.1: two states, two inputs. The last set-point is not admissible.
@@ -103,7 +108,13 @@ fn try_drone() -> Result<ProblemFile, DesignError> {
         SparseMatrix::from_triplets(12, 12, &a)?,
         SparseMatrix::from_triplets(12, 4, &b)?,
         0.04,
-    )?;
+    )?
+    .with_labels(Labels {
+        state_names: words("px py pz vx vy vz roll pitch yaw roll_rate pitch_rate yaw_rate"),
+        state_units: words("m m m m/s m/s m/s rad rad rad rad/s rad/s rad/s"),
+        input_names: words("thrust roll_torque pitch_torque yaw_torque"),
+        input_units: ["N", "N m", "N m", "N m"].map(String::from).to_vec(),
+    })?;
     let mut upper = vec![3.0; 12];
     upper[6..9].fill(FRAC_PI_4);
     let constraints = box_around(&upper, &[1.5, 0.043, 0.043, 0.043])?;
@@ -164,7 +175,15 @@ pub fn carts(count: usize) -> Result<ProblemFile, DesignError> {
         SparseMatrix::from_triplets(n, n, &a)?,
         SparseMatrix::from_triplets(n, count, &b)?,
         0.02,
-    )?;
+    )?
+    .with_labels(Labels {
+        state_names: (1..=count)
+            .flat_map(|i| [format!("r{i}"), format!("v{i}")])
+            .collect(),
+        state_units: words(&"m m/s ".repeat(count)),
+        input_names: (1..=count).map(|i| format!("u{i}")).collect(),
+        input_units: Vec::new(),
+    })?;
     let alternate = |odd: f64, even: f64| -> Vec<f64> {
         (0..n)
             .map(|k| if k % 2 == 0 { even } else { odd })

@@ -24,7 +24,8 @@ pub use error::{DesignError, StepError};
 pub use matrix::{Matrix, SparseMatrix};
 pub use problem::file::{FileError, ProblemFile};
 pub use problem::{
-    Constraints, Formulation, OperatingPoint, Plant, Problem, RowSource, Task, Weight, Weights,
+    Constraints, Formulation, Labels, OperatingPoint, Plant, Problem, RowSource, Task, Weight,
+    Weights,
 };
 pub use simulation::{
     Disturbance, Run, RunStep, ScheduledSetPoint, Simulation, SimulationError, Summary, simulate,

@@ -4,7 +4,7 @@ use crate::arguments::Simulate;
 use crate::commands::{design_with_progress, duration, headline, read, vector};
 use crate::failure::{Class, Failure};
 use crate::output::{OutputFile, Waiting, print, print_json};
-use crate::report::{Labels, ReportData, render};
+use crate::report::{ReportData, choose, picture, render};
 use mpct::{Controller, Run, Simulation, SimulationError, StepStatus, TerminalIngredients};
 use serde_json::json;
 use std::fmt::Write;
@@ -24,6 +24,14 @@ pub fn run(arguments: &Simulate) -> Result<(), Failure> {
     }
     let report = output(arguments, arguments.report.as_deref(), "html")?;
     let csv = output(arguments, arguments.csv.as_deref(), "csv")?;
+    let drawing = match &arguments.picture {
+        Some(path) => {
+            let choice = choose(&file.problem, &arguments.signals)
+                .map_err(|message| Failure::new(Class::Input, message))?;
+            Some((OutputFile::open(path)?, choice))
+        }
+        None => None,
+    };
     let mut problem = file.problem;
     if let Some(formulation) = arguments.formulation {
         problem = problem.with_formulation(formulation.into());
@@ -57,10 +65,15 @@ pub fn run(arguments: &Simulate) -> Result<(), Failure> {
         }
     };
     let mut written = Vec::new();
-    if let Some(report) = report {
-        let data = ReportData::new(controller.ingredients(), &run, &Labels::default())
+    if report.is_some() || drawing.is_some() {
+        let data = ReportData::new(controller.ingredients(), &run)
             .with_disturbance(simulation.disturbance.is_some());
-        written.push(("report", report.write(render(&data).as_bytes())?));
+        if let Some(report) = report {
+            written.push(("report", report.write(render(&data).as_bytes())?));
+        }
+        if let Some((file, choice)) = drawing {
+            written.push(("picture", file.write(picture(&data, &choice).as_bytes())?));
+        }
     }
     if let Some(csv) = csv {
         written.push(("trajectories", csv.write(&trajectories(&run)?)?));

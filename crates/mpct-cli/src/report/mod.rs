@@ -15,10 +15,6 @@ mod svg;
 #[cfg(test)]
 mod tests;
 
-pub use closed_loop::Kind;
 pub use data::ReportData;
-#[cfg(test)]
-pub use data::{DesignNumbers, Signal, StepRecord};
-pub use from_run::Labels;
 pub use page::render;
-pub use picture::picture;
+pub use picture::{choose, picture};

@@ -445,5 +445,11 @@ fn horizon(data: &ReportData) -> String {
         "A constraint row is spent at the first step of the terminal law at which the earlier steps imply it. The horizon ends one step before the last row is spent. It is determined by: {}.",
         escape(&numbers::determining_rows(data))
     );
-    paragraph(&words) + &format!("<div class=\"one-wide\">{figure}</div>\n")
+    // One bar a row needs the width; the histogram of many rows does not.
+    let class = if figure.contains("class=\"wide\"") {
+        "all"
+    } else {
+        "one"
+    };
+    paragraph(&words) + &format!("<div class=\"{class}\">{figure}</div>\n")
 }

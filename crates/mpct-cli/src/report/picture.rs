@@ -1,14 +1,49 @@
 //! Some plots of the closed loop as one SVG file, for documents.
 
 use super::closed_loop::{Kind, single};
-use super::data::ReportData;
+use super::data::{ReportData, Signal};
+use super::from_run::problem_signals;
 use super::page::STYLE;
 use super::panel::{HEIGHT, Style, WIDTH};
 use super::svg::escape;
+use mpct::Problem;
 use std::fmt::Write;
 
 /// Space for the legend.
 const LEGEND: f64 = 34.0;
+
+/// The states and inputs with the given names; the first four states and two inputs when no name is given. A message
+/// when a name is not known.
+pub fn choose(problem: &Problem, names: &[String]) -> Result<Vec<(Kind, usize)>, String> {
+    let (states, inputs) = problem_signals(problem);
+    if names.is_empty() {
+        let first = |kind: Kind, n: usize| (0..n).map(move |i| (kind, i));
+        return Ok(first(Kind::State, states.len().min(4))
+            .chain(first(Kind::Input, inputs.len().min(2)))
+            .collect());
+    }
+    let find = |signals: &[Signal], name: &str| signals.iter().position(|s| s.name == name);
+    names
+        .iter()
+        .map(|name| {
+            find(&states, name)
+                .map(|i| (Kind::State, i))
+                .or_else(|| find(&inputs, name).map(|i| (Kind::Input, i)))
+                .ok_or_else(|| {
+                    let known: Vec<&str> = states
+                        .iter()
+                        .chain(&inputs)
+                        .take(40)
+                        .map(|s| s.name.as_str())
+                        .collect();
+                    format!(
+                        "no state or input is called \"{name}\"; known names: {}",
+                        known.join(", ")
+                    )
+                })
+        })
+        .collect()
+}
 
 /// The chosen states and inputs (those that exist), two in a row, under a legend; drawn as in the report.
 pub fn picture(data: &ReportData, choice: &[(Kind, usize)]) -> String {

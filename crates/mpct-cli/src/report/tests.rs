@@ -1,5 +1,7 @@
 //! Structure of the page, on synthetic data.
 
+use super::closed_loop::Kind;
+use super::data::{DesignNumbers, Signal, StepRecord};
 use super::*;
 
 fn signal(name: &str, unit: &str, limit: f64) -> Signal {
@@ -294,7 +296,8 @@ fn run(drone: bool, steps: usize) -> ReportData {
             SparseMatrix::from_triplets(12, 12, &a).unwrap(),
             SparseMatrix::from_triplets(12, 4, &b).unwrap(),
             0.04,
-        );
+        )
+        .and_then(|p| p.with_labels(drone_labels()));
         let angle = std::f64::consts::FRAC_PI_4;
         let x = [[3.0; 3], [3.0; 3], [angle; 3], [3.0; 3]].concat();
         let u = [1.5, 0.043, 0.043, 0.043];
@@ -331,11 +334,6 @@ fn run(drone: bool, steps: usize) -> ReportData {
             set_point: SetPoint::state(state),
         }
     };
-    let labels = if drone {
-        drone_labels()
-    } else {
-        Labels::default()
-    };
     let third: &[f64] = if drone {
         &[-2.0, -1.0, 3.2]
     } else {
@@ -352,15 +350,15 @@ fn run(drone: bool, steps: usize) -> ReportData {
         disturbance: None,
     };
     let result = simulate(&mut controller, &simulation, None).unwrap();
-    ReportData::new(controller.ingredients(), &result, &labels)
+    ReportData::new(controller.ingredients(), &result)
 }
 
-fn drone_labels() -> Labels {
+fn drone_labels() -> mpct::Labels {
     let list = |words: &str| words.split(' ').map(String::from).collect::<Vec<_>>();
-    Labels {
-        states: list("px py pz vx vy vz roll pitch yaw p q r"),
+    mpct::Labels {
+        state_names: list("px py pz vx vy vz roll pitch yaw p q r"),
         state_units: list("m m m m/s m/s m/s rad rad rad rad/s rad/s rad/s"),
-        inputs: list("F τx τy τz"),
+        input_names: list("F τx τy τz"),
         input_units: ["N", "N m", "N m", "N m"].map(String::from).to_vec(),
     }
 }

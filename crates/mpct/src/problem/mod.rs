@@ -7,7 +7,7 @@ pub(crate) mod plant;
 mod weights;
 
 pub use constraints::{ConstraintRows, Constraints, MixedRows, RowSource};
-pub use plant::{OperatingPoint, Plant};
+pub use plant::{Labels, OperatingPoint, Plant};
 pub use weights::{Weight, Weights};
 
 use crate::error::DesignError;

@@ -27,7 +27,7 @@ mod writer;
 
 pub use error::FileError;
 
-use super::{Constraints, Formulation, Plant, Problem, Task, Weights};
+use super::{Constraints, Formulation, Labels, Plant, Problem, Task, Weights};
 use crate::control::SetPoint;
 use crate::matrix::{Matrix, SparseMatrix};
 use crate::simulation::{Disturbance, ScheduledSetPoint, Simulation};
@@ -250,7 +250,17 @@ fn problem(root: &Section<'_>) -> Result<Problem, FileError> {
 }
 
 fn plant(section: &Section<'_>) -> Result<Plant, FileError> {
-    section.only(&["A", "B", "continuous", "sampling_time", "operating_point"])?;
+    section.only(&[
+        "A",
+        "B",
+        "continuous",
+        "sampling_time",
+        "operating_point",
+        "state_names",
+        "state_units",
+        "input_names",
+        "input_units",
+    ])?;
     let a = section.need_matrix("A", "the matrix A of x+ = A x + B u, n x n")?;
     let b = section.need_matrix("B", "the matrix B of x+ = A x + B u, n x m")?;
     let sampling_time = section.number("sampling_time")?;
@@ -274,7 +284,13 @@ fn plant(section: &Section<'_>) -> Result<Plant, FileError> {
         let input = at.vector("input")?.unwrap_or_else(|| vec![0.0; m]);
         plant = plant.with_operating_point(state, input)?;
     }
-    Ok(plant)
+    let texts = |name: &str| Ok::<_, FileError>(section.texts(name)?.unwrap_or_default());
+    Ok(plant.with_labels(Labels {
+        state_names: texts("state_names")?,
+        state_units: texts("state_units")?,
+        input_names: texts("input_names")?,
+        input_units: texts("input_units")?,
+    })?)
 }
 
 fn constraints(section: &Section<'_>, n: usize, m: usize) -> Result<Constraints, FileError> {
@@ -345,4 +361,50 @@ fn simulation(section: &Section<'_>, problem: &Problem) -> Result<Simulation, Fi
     };
     simulation.check(problem.plant().states(), problem.plant().inputs())?;
     Ok(simulation)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PROBLEM: &str = r#"
+        [plant]
+        A = [[0.5]]
+        B = [[1.0]]
+        state_names = ["level \"1\""]
+        state_units = ["m"]
+        input_names = ["pump"]
+        [constraints]
+        state_lower = [-1.0]
+        state_upper = [1.0]
+        [weights]
+        Q = 1.0
+        R = 1.0
+        O = 1.0
+    "#;
+
+    #[test]
+    fn labels_are_read_and_written() {
+        let file = ProblemFile::parse(PROBLEM, Path::new(".")).unwrap();
+        let labels = file.problem.plant().labels();
+        assert_eq!(labels.state_names, ["level \"1\""]);
+        assert!(labels.input_units.is_empty());
+        assert_eq!(
+            ProblemFile::parse(&file.to_toml(), Path::new(".")).unwrap(),
+            file
+        );
+    }
+
+    #[test]
+    fn labels_of_wrong_length_or_kind_are_refused() {
+        for (from, to, part) in [
+            (r#"["m"]"#, r#"["m", "s"]"#, "plant.state_units: expected 1"),
+            (r#"["m"]"#, "[1]", "plant.state_units[0]"),
+            (r#"["m"]"#, r#""m""#, "a list of texts"),
+        ] {
+            let text = PROBLEM.replace(from, to);
+            let error = ProblemFile::parse(&text, Path::new(".")).unwrap_err();
+            assert!(error.to_string().contains(part), "{error}");
+        }
+    }
 }

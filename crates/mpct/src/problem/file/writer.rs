@@ -109,6 +109,18 @@ pub(super) fn write(file: &ProblemFile) -> String {
             ),
         );
     }
+    let labels = plant.labels();
+    for (key, texts) in [
+        ("state_names", &labels.state_names),
+        ("state_units", &labels.state_units),
+        ("input_names", &labels.input_names),
+        ("input_units", &labels.input_units),
+    ] {
+        if !texts.is_empty() {
+            let items = texts.iter().cloned().map(toml::Value::String).collect();
+            line(key, toml::Value::Array(items).to_string());
+        }
+    }
     let constraints = problem.constraints();
     let (sl, su) = constraints.state_limits();
     let (il, iu) = constraints.input_limits();
