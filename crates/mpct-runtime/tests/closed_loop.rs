@@ -163,9 +163,14 @@ fn bad_steps_poison_nothing() {
     });
 }
 
-#[test]
-fn single_precision_follows_double_precision() {
-    let problem = academic();
+/// Two loops, `f64` and `f32`, each on its own state, until they differ by more than allowed.
+fn compare_precisions(
+    problem: &Problem,
+    steps: usize,
+    period: usize,
+    spread: &[f64],
+    u_max: &[f64],
+) {
     let dims = problem.dims;
     let (mut buffer, mut scratch) = (vec![0.0; dims.tables_len()], vec![0.0; dims.prepare_len()]);
     prepare(&problem.data(), &mut buffer, &mut scratch).unwrap();
@@ -180,32 +185,78 @@ fn single_precision_follows_double_precision() {
         Workspace::new(dims, &mut numbers, &mut indices).unwrap(),
     )
     .unwrap();
-    with_controller(&problem, |c| {
+    with_controller(problem, |c| {
         let mut random = Lcg(11);
-        let (mut x, mut x32) = (vec![-2.0, 0.5], vec![-2.0, 0.5]);
-        let mut r = [0.0; 4];
-        for k in 0..2000 {
-            if k % 40 == 0 {
-                r = [3.5 * random.signed(), 0.5 * random.signed(), 0.0, 0.0];
+        let (mut x, mut x32) = (vec![0.0; dims.states], vec![0.0; dims.states]);
+        let mut r = vec![0.0; dims.set_point];
+        for k in 0..steps {
+            if k % period == 0 {
+                r.iter_mut()
+                    .zip(spread)
+                    .for_each(|(v, s)| *v = s * random.signed());
             }
-            let (u, _) = checked(&problem, c, &x, &r);
-            let step = small.step(
-                &x32.iter().map(|&v| v as f32).collect::<Vec<_>>(),
-                &r.map(|v| v as f32),
-                Budget::unlimited(),
+            let step = c.step(&x, &r, Budget::unlimited()).unwrap();
+            assert_eq!(step.status, StepStatus::Optimal, "{k}");
+            let (u, z) = (step.input.to_vec(), step.solution.to_vec());
+            let y = full(dims.rows, c.multipliers());
+            assert!(problem.residual(&x, &r, &z, &y) < 1e-8, "{k}");
+            let (xs, rs): (Vec<f32>, Vec<f32>) = (
+                x32.iter().map(|&v| v as f32).collect(),
+                r.iter().map(|&v| v as f32).collect(),
             );
-            let step = step.unwrap_or_else(|e| panic!("{k}: {e}"));
+            let step = small
+                .step(&xs, &rs, Budget::unlimited())
+                .unwrap_or_else(|e| panic!("{k}: {e}"));
             assert_eq!(step.status, StepStatus::Optimal, "{k}");
             assert!(step.violation <= 1e-4);
             let u32: Vec<f64> = step.input.iter().map(|&v| f64::from(v)).collect();
-            assert!(
-                (u[0] - u32[0]).abs() < 1e-3 && (u[1] - u32[1]).abs() < 1e-3,
-                "{k} {u:?} {u32:?}"
-            );
             x = problem.next(&x, &u);
             x32 = problem.next(&x32, &u32);
+            for ((a, b), limit) in u.iter().zip(&u32).zip(u_max) {
+                assert!((a - b).abs() < 1e-3 * limit.max(1.0), "{k} {u:?} {u32:?}");
+                assert!(b.abs() <= limit * (1.0 + 1e-4));
+            }
+            for (a, b) in x.iter().zip(&x32) {
+                assert!((a - b).abs() < 1e-3, "{k} {x:?} {x32:?}");
+            }
         }
     });
+}
+
+#[test]
+fn single_precision_follows_double_precision() {
+    compare_precisions(&academic(), 2000, 40, &[3.5, 0.5], &[2.0, 2.0]);
+}
+
+#[test]
+fn single_precision_flies_the_drone() {
+    let spread = [3.5, 3.5, 3.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.9];
+    compare_precisions(
+        &common::drone(12),
+        3000,
+        150,
+        &spread,
+        &[1.5, 0.043, 0.043, 0.043],
+    );
+}
+
+#[test]
+fn the_same_inputs_give_the_same_bits() {
+    let problem = common::drone(12);
+    let run = || {
+        with_controller(&problem, |c| {
+            let (mut x, mut r) = (vec![0.0; 12], vec![0.0; 16]);
+            (r[0], r[1], r[8]) = (1.0, -2.0, 0.5);
+            let mut bits = Vec::new();
+            for _ in 0..100 {
+                let u = c.step(&x, &r, Budget::unlimited()).unwrap().input.to_vec();
+                bits.extend(u.iter().map(|v| v.to_bits()));
+                x = problem.next(&x, &u);
+            }
+            bits
+        })
+    };
+    assert_eq!(run(), run());
 }
 
 /// Random states inside, on the border, outside; random set-points, budgets, faults.

@@ -1,0 +1,30 @@
+//! Proof that the solver links without std and without a heap: tables in a `static`, memory on the stack.
+#![no_std]
+
+use mpct_runtime::{Budget, Controller, Dims, Tables, Workspace};
+
+const DIMS: Dims = Dims { states: 2, inputs: 2, horizon: 10, set_point: 4, rows: 136, input_rows: 4 };
+
+/// In a real program: the exported numbers.
+static TABLES: [f32; DIMS.tables_len()] = [0.0; DIMS.tables_len()];
+
+#[panic_handler]
+fn panic(_: &core::panic::PanicInfo<'_>) -> ! {
+    loop {}
+}
+
+/// One step from `(x, r)`; 0 when `u` was written.
+#[unsafe(no_mangle)]
+pub extern "C" fn mpct_check_step(x0: f32, x1: f32, u: Option<&mut [f32; 2]>) -> i32 {
+    let (mut numbers, mut indices) = ([0.0; DIMS.workspace_len()], [0; DIMS.index_len()]);
+    let Ok(tables) = Tables::from_slice(DIMS, &TABLES) else { return 1 };
+    let Ok(workspace) = Workspace::new(DIMS, &mut numbers, &mut indices) else { return 2 };
+    let Ok(mut controller) = Controller::new(tables, workspace) else { return 3 };
+    match (controller.step(&[x0, x1], &[0.0; 4], Budget::iterations(50)), u) {
+        (Ok(step), Some(u)) => {
+            u.copy_from_slice(step.input);
+            0
+        }
+        _ => 4,
+    }
+}
