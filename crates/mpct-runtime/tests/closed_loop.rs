@@ -164,13 +164,7 @@ fn bad_steps_poison_nothing() {
 }
 
 /// Two loops, `f64` and `f32`, each on its own state, until they differ by more than allowed.
-fn compare_precisions(
-    problem: &Problem,
-    steps: usize,
-    period: usize,
-    spread: &[f64],
-    u_max: &[f64],
-) {
+fn compare_precisions(problem: &Problem, seed: u64, period: usize, spread: &[f64], limits: &[f64]) {
     let dims = problem.dims;
     let (mut buffer, mut scratch) = (vec![0.0; dims.tables_len()], vec![0.0; dims.prepare_len()]);
     prepare(&problem.data(), &mut buffer, &mut scratch).unwrap();
@@ -186,10 +180,11 @@ fn compare_precisions(
     )
     .unwrap();
     with_controller(problem, |c| {
-        let mut random = Lcg(11);
+        let mut random = Lcg(seed);
+        let u_max = &problem.plant.u_max;
         let (mut x, mut x32) = (vec![0.0; dims.states], vec![0.0; dims.states]);
         let mut r = vec![0.0; dims.set_point];
-        for k in 0..steps {
+        for k in 0..6000 {
             if k % period == 0 {
                 r.iter_mut()
                     .zip(spread)
@@ -213,11 +208,11 @@ fn compare_precisions(
             x = problem.next(&x, &u);
             x32 = problem.next(&x32, &u32);
             for ((a, b), limit) in u.iter().zip(&u32).zip(u_max) {
-                assert!((a - b).abs() < 1e-3 * limit.max(1.0), "{k} {u:?} {u32:?}");
+                assert!((a - b).abs() < 1e-3, "{k} {u:?} {u32:?}");
                 assert!(b.abs() <= limit * (1.0 + 1e-4));
             }
-            for (a, b) in x.iter().zip(&x32) {
-                assert!((a - b).abs() < 1e-3, "{k} {x:?} {x32:?}");
+            for ((a, b), limit) in x.iter().zip(&x32).zip(limits) {
+                assert!((a - b).abs() < *limit, "seed {seed} step {k} {x:?} {x32:?}");
             }
         }
     });
@@ -225,19 +220,22 @@ fn compare_precisions(
 
 #[test]
 fn single_precision_follows_double_precision() {
-    compare_precisions(&academic(), 2000, 40, &[3.5, 0.5], &[2.0, 2.0]);
+    for seed in [11, 100, 101] {
+        compare_precisions(&academic(), seed, 40, &[3.5, 0.5], &[1e-3; 2]);
+    }
 }
 
+/// States within 10⁻³ of their bounds, inputs within 10⁻³. Not within 10⁻³ in absolute terms: a velocity on its bound is
+/// differentiated twice on the way to the body rates, and there the worst of twelve seeds (105, this one is kept) was 1.16·10⁻³ rad/s
+/// of 3. A torque may differ by 3·10⁻⁴ of 0.043 N m in a single step.
 #[test]
 fn single_precision_flies_the_drone() {
+    let problem = common::drone(12);
     let spread = [3.5, 3.5, 3.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.9];
-    compare_precisions(
-        &common::drone(12),
-        3000,
-        150,
-        &spread,
-        &[1.5, 0.043, 0.043, 0.043],
-    );
+    let limits: Vec<f64> = problem.plant.x_max.iter().map(|v| 1e-3 * v).collect();
+    for seed in [11, 100, 105, 106] {
+        compare_precisions(&problem, seed, 150, &spread, &limits);
+    }
 }
 
 #[test]
