@@ -244,19 +244,19 @@ impl<'a, T: Scalar> Tables<'a, T> {
         self.dims
     }
 
-    /// Row `row` of `G`, scaled by [`Tables::row_scale`].
+    /// Row `row` of `G`, scaled by [`Tables::row_scale`]. Panics when the row does not exist.
     pub fn g_row(&self, row: usize) -> &'a [T] {
         let nz = self.dims.variables();
         &self.g[row * nz..(row + 1) * nz]
     }
 
-    /// Row `row` of `W`, scaled.
+    /// Row `row` of `W`, scaled. Panics when the row does not exist.
     pub fn w_row(&self, row: usize) -> &'a [T] {
         let n = self.dims.states;
         &self.w[row * n..(row + 1) * n]
     }
 
-    /// The power of two that row `row` of `(G, W, 1)` was multiplied by.
+    /// The power of two that row `row` of `(G, W, 1)` was multiplied by. Panics when the row does not exist.
     pub fn row_scale(&self, row: usize) -> T {
         self.scale[row]
     }
