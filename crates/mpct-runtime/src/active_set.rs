@@ -153,17 +153,35 @@ fn run<T: Scalar>(
     }
 }
 
-/// `gradient = H z + f`, `rho = H z + f + G_Wᵀ λ`. Returns `‖rho‖_∞` over the size of its terms.
+/// `gradient = H z + f`, `rho = H z + f + G_Wᵀ λ`. Returns `‖rho‖_∞` over the size of its terms, the larger of the `c` part and the
+/// `θ` part: the offset cost makes the terms of `θ` so large that an error in `c` would vanish beside them.
 fn stationarity<T: Scalar>(tables: &Tables<'_, T>, ws: &mut Workspace<'_, T>) -> T {
     ws.gradient.fill(T::ZERO);
     gemv_add(tables.hessian, ws.z, ws.gradient);
-    let size = max_abs(ws.gradient).max(max_abs(ws.linear)).max(T::ONE);
+    let split = ws.z.len() - tables.dims.inputs;
+    let z_max = max_abs(ws.z);
+    let mut size_c = max_abs(&ws.linear[..split])
+        .max(tables.hessian_max[0] * z_max)
+        .max(T::ONE);
+    let mut size_theta = max_abs(&ws.linear[split..])
+        .max(tables.hessian_max[1] * z_max)
+        .max(T::ONE);
     axpy(T::ONE, ws.linear, ws.gradient);
     ws.rho.copy_from_slice(ws.gradient);
     for (&row, &multiplier) in ws.factor.index().iter().zip(ws.lambda.iter()) {
-        axpy(multiplier, tables.g_row(row as usize), ws.rho);
+        let row = row as usize;
+        axpy(multiplier, tables.g_row(row), ws.rho);
+        size_c = size_c.max(multiplier * tables.reach[0][row]);
+        size_theta = size_theta.max(multiplier * tables.reach[1][row]);
     }
-    max_abs(ws.rho) / size
+    let (c, theta) = ws.rho.split_at(split);
+    let (in_c, in_theta) = (max_abs(c) / size_c, max_abs(theta) / size_theta);
+    // NaN (∞ over ∞) must come out as the larger one.
+    if in_c <= in_theta || in_theta.is_nan() {
+        in_theta
+    } else {
+        in_c
+    }
 }
 
 /// `q_W = G_W z − b_W` into `a` and `half`. Returns the largest error in units of right-hand sides, over the size of these.

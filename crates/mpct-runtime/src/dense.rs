@@ -87,12 +87,12 @@ pub(crate) fn max_abs<T: Scalar>(x: &[T]) -> T {
     largest
 }
 
-/// Whether every entry is finite: `v − v` is 0 for finite `v` and NaN otherwise.
+/// Whether every entry is finite: `0 · v` is 0 for finite `v` and NaN otherwise.
 #[inline]
 pub(crate) fn all_finite<T: Scalar>(x: &[T]) -> bool {
     let mut sum = T::ZERO;
     for &v in x {
-        sum += v - v;
+        sum += T::ZERO * v;
     }
     sum == T::ZERO
 }

@@ -54,9 +54,11 @@ pub struct Step<'s, T> {
     pub cost: T,
     /// Changes of the working set.
     pub iterations: u32,
-    /// `max(0, maxᵢ (G z − b(x))ᵢ)`.
+    /// `max(0, maxᵢ (G z − b(x))ᵢ)`. At an optimum at most [`Scalar::PRIMAL`] on rows that are not active, and within rounding,
+    /// relative to `bᵢ(x)`, on those that are.
     pub violation: T,
-    /// `‖Hz + f + Gᵀy‖_∞ / max(1, ‖Hz‖_∞, ‖f‖_∞)` of an optimum; +∞ of a candidate, which has no multipliers.
+    /// `‖Hz + f + Gᵀy‖_∞ / max(1, ‖f‖_∞, max|H|·‖z‖_∞, maxᵢ yᵢ‖Gᵢ‖)` of an optimum, the larger of the `c` part and the `θ` part; +∞ of a
+    /// candidate, which has no multipliers.
     pub stationarity: T,
 }
 

@@ -11,7 +11,7 @@
 //! Every row of `(G, W, 1)` is multiplied by a power of two that brings its row of `M` to a length in `[1, 2)`.
 //! Powers of two are exact: the stored rows *are* the rows of the problem.
 
-use crate::dense::{all_finite, dot};
+use crate::dense::{all_finite, dot, max_abs};
 use crate::{Dims, Scalar};
 
 /// The constant data of one controller, borrowed. See the module text for the formulas.
@@ -62,6 +62,8 @@ pub struct Tables<'a, T> {
     pub(crate) reach: [&'a [T]; 3],
     /// The largest of each, per unit of right-hand side.
     pub(crate) reach_max: [T; 3],
+    /// Largest `|H_jk|` in the rows of `c` and in the rows of `θ`.
+    pub(crate) hessian_max: [T; 2],
     /// `K`, `m × n`.
     pub(crate) gain: &'a [T],
     /// `L`, `m × m`.
@@ -188,11 +190,14 @@ impl<'a, T: Scalar> Tables<'a, T> {
             scale: take(rows),
             reach: [take(rows), take(rows), take(rows)],
             reach_max: [T::ZERO; 3],
+            hessian_max: [T::ZERO; 2],
             gain: take(m * n),
             feedforward: take(m * m),
             input_rows: take(dims.input_rows * m),
             shift: None,
         };
+        let (of_c, of_theta) = tables.hessian.split_at((nz - m) * nz);
+        tables.hessian_max = [max_abs(of_c), max_abs(of_theta)];
         for row in 0..rows {
             let scale = tables.scale[row];
             if !(scale > T::ZERO) || scale.inverse_power_of_two() * scale != T::ONE {
@@ -239,19 +244,19 @@ impl<'a, T: Scalar> Tables<'a, T> {
         self.dims
     }
 
-    /// Row `row` of `G`, scaled by [`Tables::row_scale`].
+    /// Row `row` of `G`, scaled by [`Tables::row_scale`]. Panics when the row does not exist.
     pub fn g_row(&self, row: usize) -> &'a [T] {
         let nz = self.dims.variables();
         &self.g[row * nz..(row + 1) * nz]
     }
 
-    /// Row `row` of `W`, scaled.
+    /// Row `row` of `W`, scaled. Panics when the row does not exist.
     pub fn w_row(&self, row: usize) -> &'a [T] {
         let n = self.dims.states;
         &self.w[row * n..(row + 1) * n]
     }
 
-    /// The power of two that row `row` of `(G, W, 1)` was multiplied by.
+    /// The power of two that row `row` of `(G, W, 1)` was multiplied by. Panics when the row does not exist.
     pub fn row_scale(&self, row: usize) -> T {
         self.scale[row]
     }

@@ -163,9 +163,8 @@ fn bad_steps_poison_nothing() {
     });
 }
 
-#[test]
-fn single_precision_follows_double_precision() {
-    let problem = academic();
+/// Two loops, `f64` and `f32`, each on its own state, until they differ by more than allowed.
+fn compare_precisions(problem: &Problem, seed: u64, period: usize, spread: &[f64], limits: &[f64]) {
     let dims = problem.dims;
     let (mut buffer, mut scratch) = (vec![0.0; dims.tables_len()], vec![0.0; dims.prepare_len()]);
     prepare(&problem.data(), &mut buffer, &mut scratch).unwrap();
@@ -180,32 +179,82 @@ fn single_precision_follows_double_precision() {
         Workspace::new(dims, &mut numbers, &mut indices).unwrap(),
     )
     .unwrap();
-    with_controller(&problem, |c| {
-        let mut random = Lcg(11);
-        let (mut x, mut x32) = (vec![-2.0, 0.5], vec![-2.0, 0.5]);
-        let mut r = [0.0; 4];
-        for k in 0..2000 {
-            if k % 40 == 0 {
-                r = [3.5 * random.signed(), 0.5 * random.signed(), 0.0, 0.0];
+    with_controller(problem, |c| {
+        let mut random = Lcg(seed);
+        let u_max = &problem.plant.u_max;
+        let (mut x, mut x32) = (vec![0.0; dims.states], vec![0.0; dims.states]);
+        let mut r = vec![0.0; dims.set_point];
+        for k in 0..6000 {
+            if k % period == 0 {
+                r.iter_mut()
+                    .zip(spread)
+                    .for_each(|(v, s)| *v = s * random.signed());
             }
-            let (u, _) = checked(&problem, c, &x, &r);
-            let step = small.step(
-                &x32.iter().map(|&v| v as f32).collect::<Vec<_>>(),
-                &r.map(|v| v as f32),
-                Budget::unlimited(),
+            let step = c.step(&x, &r, Budget::unlimited()).unwrap();
+            assert_eq!(step.status, StepStatus::Optimal, "{k}");
+            let (u, z) = (step.input.to_vec(), step.solution.to_vec());
+            let y = full(dims.rows, c.multipliers());
+            assert!(problem.residual(&x, &r, &z, &y) < 1e-8, "{k}");
+            let (xs, rs): (Vec<f32>, Vec<f32>) = (
+                x32.iter().map(|&v| v as f32).collect(),
+                r.iter().map(|&v| v as f32).collect(),
             );
-            let step = step.unwrap_or_else(|e| panic!("{k}: {e}"));
+            let step = small
+                .step(&xs, &rs, Budget::unlimited())
+                .unwrap_or_else(|e| panic!("{k}: {e}"));
             assert_eq!(step.status, StepStatus::Optimal, "{k}");
             assert!(step.violation <= 1e-4);
             let u32: Vec<f64> = step.input.iter().map(|&v| f64::from(v)).collect();
-            assert!(
-                (u[0] - u32[0]).abs() < 1e-3 && (u[1] - u32[1]).abs() < 1e-3,
-                "{k} {u:?} {u32:?}"
-            );
             x = problem.next(&x, &u);
             x32 = problem.next(&x32, &u32);
+            for ((a, b), limit) in u.iter().zip(&u32).zip(u_max) {
+                assert!((a - b).abs() < 1e-3, "{k} {u:?} {u32:?}");
+                assert!(b.abs() <= limit * (1.0 + 1e-4));
+            }
+            for ((a, b), limit) in x.iter().zip(&x32).zip(limits) {
+                assert!((a - b).abs() < *limit, "seed {seed} step {k} {x:?} {x32:?}");
+            }
         }
     });
+}
+
+#[test]
+fn single_precision_follows_double_precision() {
+    for seed in [11, 100, 101] {
+        compare_precisions(&academic(), seed, 40, &[3.5, 0.5], &[1e-3; 2]);
+    }
+}
+
+/// States within 10⁻³ of their bounds, inputs within 10⁻³. Not within 10⁻³ in absolute terms: a velocity on its bound is
+/// differentiated twice on the way to the body rates, and there the worst of twelve seeds (105, this one is kept) was 1.16·10⁻³ rad/s
+/// of 3. A torque may differ by 3·10⁻⁴ of 0.043 N m in a single step.
+#[test]
+fn single_precision_flies_the_drone() {
+    let problem = common::drone(12);
+    let spread = [3.5, 3.5, 3.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.9];
+    let limits: Vec<f64> = problem.plant.x_max.iter().map(|v| 1e-3 * v).collect();
+    for seed in [11, 100, 105, 106] {
+        compare_precisions(&problem, seed, 150, &spread, &limits);
+    }
+}
+
+#[test]
+fn the_same_inputs_give_the_same_bits() {
+    let problem = common::drone(12);
+    let run = || {
+        with_controller(&problem, |c| {
+            let (mut x, mut r) = (vec![0.0; 12], vec![0.0; 16]);
+            (r[0], r[1], r[8]) = (1.0, -2.0, 0.5);
+            let mut bits = Vec::new();
+            for _ in 0..100 {
+                let u = c.step(&x, &r, Budget::unlimited()).unwrap().input.to_vec();
+                bits.extend(u.iter().map(|v| v.to_bits()));
+                x = problem.next(&x, &u);
+            }
+            bits
+        })
+    };
+    assert_eq!(run(), run());
 }
 
 /// Random states inside, on the border, outside; random set-points, budgets, faults.

@@ -299,3 +299,65 @@ fn many_rows_through_one_vertex() {
         assert_eq!(check(&qp, &[], false), Answer::Optimal);
     }
 }
+
+/// What `f32` claims about problems of `f64`: never a false proof, and an optimum is feasible. It may give up.
+#[test]
+fn single_precision_claims_nothing_wrong() {
+    let mut random = Lcg(7);
+    let (mut optimal, mut gave_up, mut infeasible, mut worst) = (0, 0, 0, 0.0_f64);
+    for round in 0..600 {
+        let mut qp = Qp::random(&mut random, 8, 40, 2.0);
+        for _ in 0..10 {
+            let at = random.below(qp.rows);
+            let (row, b) = (qp.row(at), qp.b[at]);
+            qp.push(&row, b);
+        }
+        let feasible = round % 3 != 0;
+        if !feasible {
+            let (row, b) = (qp.row(2), qp.b[2]);
+            qp.push(&row.iter().map(|v| -v).collect::<Vec<_>>(), -b - 0.01);
+        }
+        let problem = qp.problem();
+        let dims = problem.dims;
+        let (mut buffer, mut scratch) =
+            (vec![0.0; dims.tables_len()], vec![0.0; dims.prepare_len()]);
+        prepare(&problem.data(), &mut buffer, &mut scratch).unwrap();
+        let mut single = vec![0.0_f32; dims.tables_len()];
+        let tables = mpct_runtime::cast_tables(dims, &buffer, &mut single).unwrap();
+        let (mut numbers, mut indices) = (
+            vec![0.0_f32; dims.workspace_len()],
+            vec![0; dims.index_len()],
+        );
+        let mut controller = Controller::new(
+            tables,
+            Workspace::new(dims, &mut numbers, &mut indices).unwrap(),
+        )
+        .unwrap();
+        let x: Vec<f32> = qp.state().iter().map(|&v| v as f32).collect();
+        let r: Vec<f32> = qp.f.iter().map(|&v| v as f32).collect();
+        match controller.step(&x, &r, Budget::unlimited()) {
+            Ok(step) => {
+                assert!(feasible, "{round}");
+                let z: Vec<f64> = step.solution.iter().map(|&v| f64::from(v)).collect();
+                let image = Mat::from(qp.rows, qp.nz, &qp.g).apply(&z);
+                worst = image
+                    .iter()
+                    .zip(&qp.b)
+                    .fold(worst, |m, (a, b)| m.max(a - b));
+                optimal += 1;
+            }
+            Err(StepError::Infeasible { .. }) => {
+                assert!(!feasible, "{round}");
+                infeasible += 1;
+            }
+            Err(_) => gave_up += 1,
+        }
+    }
+    println!(
+        "optimal {optimal} infeasible {infeasible} gave up {gave_up} worst violation {worst:e}"
+    );
+    assert!(
+        worst < 1e-4 && gave_up <= 6,
+        "{optimal} {infeasible} {gave_up} {worst:e}"
+    );
+}
