@@ -68,6 +68,16 @@ impl<'a, T: Scalar> Factor<'a, T> {
         &self.index[..self.len]
     }
 
+    /// Rows in the working set and rows removed.
+    pub fn counters(&self) -> [usize; 2] {
+        [self.len, self.removals as usize]
+    }
+
+    pub fn set_counters(&mut self, [len, removals]: [usize; 2]) {
+        self.len = if len <= self.nz { len } else { 0 };
+        self.removals = removals as u32;
+    }
+
     pub fn clear(&mut self) {
         self.len = 0;
         self.removals = 0;

@@ -50,6 +50,15 @@ impl<'a, T: Scalar> Pricing<'a, T> {
         }
     }
 
+    /// The sums of movements, and whether all bounds are to be forgotten.
+    pub fn travelled(&self) -> ([T; 3], bool) {
+        (self.path, self.forget)
+    }
+
+    pub fn set_travelled(&mut self, path: [T; 3], forget: bool) {
+        (self.path, self.forget) = (path, forget);
+    }
+
     /// Forgets every bound.
     pub fn forget(&mut self) {
         self.forget = true;

@@ -157,16 +157,16 @@ impl<T: Scalar> core::error::Error for StepError<T> {}
 /// ```
 #[derive(Debug)]
 pub struct Controller<'a, T> {
-    tables: Tables<'a, T>,
-    ws: Workspace<'a, T>,
-    warm_start: WarmStart,
-    has_plan: bool,
+    pub(crate) tables: Tables<'a, T>,
+    pub(crate) ws: Workspace<'a, T>,
+    pub(crate) warm_start: WarmStart,
+    pub(crate) has_plan: bool,
     /// The multipliers belong to the plan.
-    is_optimum: bool,
+    pub(crate) is_optimum: bool,
     /// Nothing was loaded since the last reset.
-    is_fresh: bool,
+    pub(crate) is_fresh: bool,
     /// The caller's working set replaces the warm start of the next step.
-    is_claimed: bool,
+    pub(crate) is_claimed: bool,
 }
 
 impl<'a, T: Scalar> Controller<'a, T> {

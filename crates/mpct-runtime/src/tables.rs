@@ -74,6 +74,14 @@ pub struct Tables<'a, T> {
     pub(crate) shift: Option<&'a [u32]>,
 }
 
+/// What a check of tables found; see [`Tables::stamp`].
+#[derive(Clone, Copy, Debug)]
+pub struct TablesStamp<T> {
+    pub(crate) dims: Dims,
+    reach_max: [T; 3],
+    hessian_max: [T; 2],
+}
+
 /// "No row one stage earlier" in a shift map.
 pub const NO_ROW: u32 = u32::MAX;
 
@@ -147,6 +155,67 @@ impl core::fmt::Display for TableError {
 impl core::error::Error for TableError {}
 
 impl<'a, T: Scalar> Tables<'a, T> {
+    /// Divides a slice of the right length.
+    fn lay_out(dims: Dims, slice: &'a [T]) -> Self {
+        let (n, m, nz, nr, rows) = (
+            dims.states,
+            dims.inputs,
+            dims.variables(),
+            dims.set_point,
+            dims.rows,
+        );
+        let mut rest = slice;
+        let mut take = |len: usize| {
+            let (head, tail) = rest.split_at(len);
+            rest = tail;
+            head
+        };
+        Self {
+            dims,
+            hessian: take(nz * nz),
+            root_inverse: take(nz * (nz + 1) / 2),
+            linear_state: take(nz * n),
+            linear_set_point: take(nz * nr),
+            g: take(rows * nz),
+            w: take(rows * n),
+            scale: take(rows),
+            reach: [take(rows), take(rows), take(rows)],
+            reach_max: [T::ZERO; 3],
+            hessian_max: [T::ZERO; 2],
+            gain: take(m * n),
+            feedforward: take(m * m),
+            input_rows: take(dims.input_rows * m),
+            shift: None,
+        }
+    }
+
+    /// Reads again a slice that [`Tables::from_slice`] has accepted, without checking its entries. Other tables give other
+    /// inputs, and the inputs of tables that are not finite are worth nothing, but nothing panics.
+    ///
+    /// Errors: the length.
+    pub fn reopen(stamp: TablesStamp<T>, slice: &'a [T]) -> Result<Self, TableError> {
+        if slice.len() != stamp.dims.tables_len() {
+            return Err(TableError::Length {
+                what: "tables",
+                expected: stamp.dims.tables_len(),
+                found: slice.len(),
+            });
+        }
+        let mut tables = Self::lay_out(stamp.dims, slice);
+        tables.reach_max = stamp.reach_max;
+        tables.hessian_max = stamp.hessian_max;
+        Ok(tables)
+    }
+
+    /// What a check of these tables found, for [`Tables::reopen`].
+    pub fn stamp(&self) -> TablesStamp<T> {
+        TablesStamp {
+            dims: self.dims,
+            reach_max: self.reach_max,
+            hessian_max: self.hessian_max,
+        }
+    }
+
     /// Reads tables of length [`Dims::tables_len`], as written by [`prepare`](crate::prepare).
     ///
     /// Costs one pass over the rows, once. Errors: length, an entry that is not finite, damaged rows.
@@ -166,36 +235,8 @@ impl<'a, T: Scalar> Tables<'a, T> {
                 index,
             });
         }
-        let (n, m, nz, nr, rows) = (
-            dims.states,
-            dims.inputs,
-            dims.variables(),
-            dims.set_point,
-            dims.rows,
-        );
-        let mut rest = slice;
-        let mut take = |len: usize| {
-            let (head, tail) = rest.split_at(len);
-            rest = tail;
-            head
-        };
-        let mut tables = Self {
-            dims,
-            hessian: take(nz * nz),
-            root_inverse: take(nz * (nz + 1) / 2),
-            linear_state: take(nz * n),
-            linear_set_point: take(nz * nr),
-            g: take(rows * nz),
-            w: take(rows * n),
-            scale: take(rows),
-            reach: [take(rows), take(rows), take(rows)],
-            reach_max: [T::ZERO; 3],
-            hessian_max: [T::ZERO; 2],
-            gain: take(m * n),
-            feedforward: take(m * m),
-            input_rows: take(dims.input_rows * m),
-            shift: None,
-        };
+        let mut tables = Self::lay_out(dims, slice);
+        let (nz, m, rows) = (dims.variables(), dims.inputs, dims.rows);
         let (of_c, of_theta) = tables.hessian.split_at((nz - m) * nz);
         tables.hessian_max = [max_abs(of_c), max_abs(of_theta)];
         for row in 0..rows {

@@ -77,6 +77,11 @@ impl<'a, T: Scalar> Workspace<'a, T> {
         }
         numbers.fill(T::ZERO);
         indices.fill(0);
+        Ok(Self::lay_out(dims, numbers, indices))
+    }
+
+    /// Divides buffers of the right lengths, whatever they contain.
+    pub(crate) fn lay_out(dims: Dims, numbers: &'a mut [T], indices: &'a mut [u32]) -> Self {
         let nz = dims.variables();
         let mut rest = numbers;
         let mut take = |len: usize| {
@@ -87,7 +92,7 @@ impl<'a, T: Scalar> Workspace<'a, T> {
         let (active, proof_rows) = indices.split_at_mut(nz);
         // Vectors of length nz: 2 for the factors, 1 for pricing, 13 below (`half` counts twice, `proof` has one more entry).
         const { assert!(WORK_VECTORS == 2 + 1 + 13) };
-        Ok(Self {
+        Self {
             dims,
             factor: Factor::new(
                 nz,
@@ -121,6 +126,6 @@ impl<'a, T: Scalar> Workspace<'a, T> {
             proof_rows,
             proof_len: 0,
             proof: take(nz + 1),
-        })
+        }
     }
 }

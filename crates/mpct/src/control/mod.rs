@@ -1,6 +1,7 @@
 //! The controller: one quadratic program a step.
 
 mod controller;
+mod online;
 mod prediction;
 mod set_point;
 

@@ -1,9 +1,10 @@
 //! Set-points, and the admissible equilibrium closest to one.
 
+use super::online::{Limits, OnlineSolver, Program};
 use crate::error::DesignError;
 use crate::linalg::{self, Dense};
 use crate::matrix::SparseMatrix;
-use crate::optimization::{Failure, PreparedQp};
+use crate::optimization::Failure;
 use crate::problem::plant::check_vector;
 use crate::problem::{Problem, RowSource};
 use crate::steady_state::SteadyStates;
@@ -152,14 +153,48 @@ fn add(a: &[f64], b: &[f64]) -> Vec<f64> {
     a.iter().zip(b).map(|(a, b)| a + b).collect()
 }
 
-impl SteadyStates {
-    /// The admissible equilibrium closest to a set-point: the minimum of the offset cost over θ ∈ λΘ.
-    ///
-    /// # Errors
-    /// [`DesignError::Shape`], [`DesignError::NotFinite`] for the set-point; [`DesignError::Solver`].
-    pub fn closest_admissible(
-        &self,
+/// The closest admissible equilibrium as a program in θ, ready for many set-points.
+pub(crate) struct Equilibria {
+    solver: OnlineSolver,
+    /// C M_θx + D M_θu.
+    rows: SparseMatrix,
+}
+
+impl Equilibria {
+    pub(crate) fn new(problem: &Problem, steady: &SteadyStates) -> Result<Self, DesignError> {
+        let (n, m) = (problem.plant().states(), problem.plant().inputs());
+        let cost = OffsetCost::of(problem, steady)?;
+        let constraints = problem.rows();
+        let rows = constraints.c.mul(steady.state_basis()).combine(
+            1.0,
+            &constraints.d.mul(steady.input_basis()),
+            1.0,
+        );
+        let from_set_point = Dense::from_fn(m, n + m, |i, j| {
+            if j < n {
+                -cost.from_state[(i, j)]
+            } else {
+                -cost.from_input[(i, j - n)]
+            }
+        });
+        // There is no measured state here: one that is always zero takes its place.
+        let program = Program {
+            hessian: cost.hessian,
+            from_state: Dense::zeros(m, 1),
+            from_set_point,
+            rows: linalg::dense(&rows) * faer::Scale(1.0 / problem.scaling()),
+            state_rows: Dense::zeros(constraints.len(), 1),
+        };
+        Ok(Self {
+            solver: OnlineSolver::new(program, m, 0)?,
+            rows,
+        })
+    }
+
+    pub(crate) fn closest(
+        &mut self,
         problem: &Problem,
+        steady: &SteadyStates,
         set_point: &SetPoint,
     ) -> Result<AdmissibleSetPoint, DesignError> {
         let (n, m) = (problem.plant().states(), problem.plant().inputs());
@@ -173,44 +208,35 @@ impl SteadyStates {
             }
             None => vec![0.0; m],
         };
-        let cost = OffsetCost::of(problem, self)?;
-        let rows = problem.rows();
-        let w = rows
-            .c
-            .mul(self.state_basis())
-            .combine(1.0, &rows.d.mul(self.input_basis()), 1.0);
-        let scaling = problem.scaling();
-        let g = linalg::dense(&w) * faer::Scale(1.0 / scaling);
-        let fx = &cost.from_state * Dense::from_fn(n, 1, |i, _| xr[i]);
-        let fu = &cost.from_input * Dense::from_fn(m, 1, |i, _| ur[i]);
-        let f: Vec<f64> = (0..m).map(|i| -fx[(i, 0)] - fu[(i, 0)]).collect();
-        let qp = PreparedQp::new("the offset cost", cost.hessian, g)?;
-        let solution =
-            qp.solve(&f, &vec![1.0; rows.len()])
-                .map_err(|failure| DesignError::Solver {
-                    what: "the closest admissible equilibrium".into(),
-                    detail: match failure {
-                        Failure::Infeasible(_) => {
-                            "said to be infeasible, though θ = 0 is admissible".into()
-                        }
-                        Failure::Unsolved { residual, .. } => {
-                            format!("largest residual {residual:.3e}")
-                        }
-                    },
-                })?;
+        let r: Vec<f64> = xr.iter().chain(&ur).copied().collect();
+        let solution = self
+            .solver
+            .solve(&[0.0], &r, Limits::default())
+            .map_err(|failure| DesignError::Solver {
+                what: "the closest admissible equilibrium".into(),
+                detail: match failure {
+                    Failure::Infeasible(_) => {
+                        "said to be infeasible, though θ = 0 is admissible".into()
+                    }
+                    Failure::Unsolved { residual, .. } => {
+                        format!("largest residual {residual:.3e}")
+                    }
+                },
+            })?;
         let theta = solution.z;
         let (xs, us) = (
-            self.state_basis().mul_vec(&theta),
-            self.input_basis().mul_vec(&theta),
+            steady.state_basis().mul_vec(&theta),
+            steady.input_basis().mul_vec(&theta),
         );
         let (dx, du) = (subtract(&xs, &xr), subtract(&us, &ur));
         let offset_cost = weighted_square(problem.offset_weight(), &dx)
             + weighted_square(problem.offset_input_weight(), &du);
         let size = weighted_square(problem.offset_weight(), &xr)
             + weighted_square(problem.offset_input_weight(), &ur);
-        let limiting = (0..rows.len())
-            .filter(|&i| w.row_dot(i, &theta) >= scaling * (1.0 - ACTIVE))
-            .map(|i| rows.source[i])
+        let scaling = problem.scaling();
+        let limiting = (0..self.rows.rows())
+            .filter(|&i| self.rows.row_dot(i, &theta) >= scaling * (1.0 - ACTIVE))
+            .map(|i| problem.rows().source[i])
             .collect();
         Ok(AdmissibleSetPoint {
             state: add(&xs, &at.state),
@@ -221,5 +247,19 @@ impl SteadyStates {
             offset_cost,
             limiting,
         })
+    }
+}
+
+impl SteadyStates {
+    /// The admissible equilibrium closest to a set-point: the minimum of the offset cost over θ ∈ λΘ.
+    ///
+    /// # Errors
+    /// [`DesignError::Shape`], [`DesignError::NotFinite`] for the set-point; [`DesignError::Solver`].
+    pub fn closest_admissible(
+        &self,
+        problem: &Problem,
+        set_point: &SetPoint,
+    ) -> Result<AdmissibleSetPoint, DesignError> {
+        Equilibria::new(problem, self)?.closest(problem, self, set_point)
     }
 }
