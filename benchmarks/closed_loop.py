@@ -136,13 +136,13 @@ class Osqp:
         self.solver = osqp.OSQP()
         self.solver.setup(
             sp.csc_matrix(np.triu(H)), f, sp.csc_matrix(G), np.full(len(b), -np.inf), b,
-            verbose=False, eps_abs=1e-7, eps_rel=1e-7, max_iter=20000, polishing=True,
+            verbose=False, eps_abs=1e-7, eps_rel=1e-7, max_iter=20000, polishing=False,
         )
 
     def solve(self, f, b):
         self.solver.update(q=f, u=b)
         r = self.solver.solve()
-        return r.x, r.info.status_val == 1, r.info.update_time + r.info.solve_time + r.info.polish_time, r.info.iter
+        return r.x, r.info.status_val == 1, r.info.update_time + r.info.solve_time, r.info.iter
 
 
 class Clarabel:
@@ -175,10 +175,12 @@ class Proxqp:
         self.qp.settings.compute_timings = True
         self.qp.settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
         self.qp.init(H, f, None, None, G, np.full(len(b), -1e20), b)
+        self.qp.solve()
+        self.lower = np.full(len(b), -1e20)
         self.solved = proxqp.QPSolverOutput.PROXQP_SOLVED
 
     def solve(self, f, b):
-        self.qp.update(g=f, u=b)
+        self.qp.update(g=f, l=self.lower, u=b)
         self.qp.solve()
         info = self.qp.results.info
         # Reported in microseconds.
@@ -189,32 +191,33 @@ SOLVERS = [Daqp, Piqp, Osqp, Clarabel, Proxqp]
 
 
 def programs(p: problem_file.Problem, c: Condensed, steps: int):
-    """(f, b) of every step of the closed loop, driven by the first solver."""
+    """(f, b, input) of every step of the closed loop, driven by the first solver."""
     x, driver, out = p.initial_state.copy(), None, []
     for k in range(steps):
         reference = next((r for start, r in reversed(p.set_points) if start <= k), np.zeros(p.n))
         f, b = c.Fx @ x + c.Fr @ reference, 1.0 - c.W @ x
-        out.append((f, b))
         driver = driver or SOLVERS[0](c.H, f, c.G, b)
         z, solved, _, _ = driver.solve(f, b)
         if not solved:
             raise SystemExit(f"{p.name}: {driver.name} fails at step {k}")
+        out.append((f, b, z[: p.m].copy()))
         x = p.A @ x + p.B @ z[: p.m]
     return out
 
 
 def measure(solver_class, c: Condensed, sequence, cap: float) -> dict:
-    f, b = sequence[0]
+    f, b, u = sequence[0]
     solver = solver_class(c.H, f, c.G, b)
-    inside, outside, iterations, failed, worst_rows = [], [], [], 0, 0.0
+    inside, outside, iterations, failed, worst_rows, apart = [], [], [], 0, 0.0, 0.0
     started = time.perf_counter()
-    for f, b in sequence:
+    for f, b, u in sequence:
         before = time.perf_counter()
         z, solved, seconds, count = solver.solve(f, b)
         outside.append(time.perf_counter() - before)
         inside.append(outside[-1] if seconds is None else seconds)
         iterations.append(count or 0)
         failed += not solved
+        apart = max(apart, float(np.abs(z[: len(u)] - u).max()))
         worst_rows = max(worst_rows, float((c.G @ z - b).max()))
         if time.perf_counter() - started > cap:
             break
@@ -226,6 +229,7 @@ def measure(solver_class, c: Condensed, sequence, cap: float) -> dict:
         "iterations": np.array(iterations),
         "failed": failed,
         "violation": worst_rows,
+        "apart": apart,
     }
 
 
@@ -241,10 +245,11 @@ def main() -> None:
         "",
         f"Machine: {machine()}. Microseconds a step. Inside: as the solver reports it; seen: from Python. The same condensed "
         "program with pruned terminal rows, the same states and set-points for every solver, each started from its last "
-        "answer where it can. Violation: largest G z - b (right-hand sides are about 1).",
+        "answer where it can. Violation: largest G z - b (right-hand sides are about 1). Input apart: largest difference from the "
+        "input of the first solver.",
         "",
-        "| problem | variables × rows | solver | mean | median | p99 | worst | seen, mean | iterations, mean / most | steps | not solved | violation |",
-        "|---|---|---|---|---|---|---|---|---|---|---|---|",
+        "| problem | variables × rows | solver | mean | median | p99 | worst | seen, mean | iterations, mean / most | steps | not solved | violation | input apart |",
+        "|" + "---|" * 13,
     ]
     for case in arguments.cases.split(","):
         name, _, count = case.partition(":")
@@ -261,13 +266,13 @@ def main() -> None:
                 r = measure(solver_class, c, sequence, arguments.cap)
             except Exception as error:  # a solver that cannot be run is reported, not hidden
                 print(f"{p.name}: {solver_class.name}: {error!r}", flush=True)
-                lines.append(f"| {p.name} | {c.G.shape[1]} × {c.G.shape[0]} | {solver_class.name} | failed: {type(error).__name__} |" + " |" * 8)
+                lines.append(f"| {p.name} | {c.G.shape[1]} × {c.G.shape[0]} | {solver_class.name} | failed: {type(error).__name__} |" + " |" * 9)
                 continue
             t = 1e6 * r["inside"]
             line = (
                 f"| {p.name} | {c.G.shape[1]} × {c.G.shape[0]} | {r['solver']} | {t.mean():.3g} | {np.median(t):.3g} | "
                 f"{np.percentile(t, 99):.3g} | {t.max():.3g} | {1e6 * r['outside'].mean():.3g} | "
-                f"{r['iterations'].mean():.1f} / {r['iterations'].max()} | {r['steps']} | {r['failed']} | {r['violation']:.1e} |"
+                f"{r['iterations'].mean():.1f} / {r['iterations'].max()} | {r['steps']} | {r['failed']} | {r['violation']:.1e} | {r['apart']:.1e} |"
             )
             lines.append(line)
             print(line, flush=True)

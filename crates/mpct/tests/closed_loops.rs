@@ -370,9 +370,14 @@ fn inputs_are_those_of_the_problem_as_printed() {
 }
 
 #[test]
-#[ignore = "slow: 60 random plants and the cases, (30) in all its stages"]
+#[ignore = "slow: 60 random plants, (30) in all its stages"]
 fn inputs_are_those_of_the_problem_as_printed_on_many_plants() {
     every(0..60, |seed| assert_as_printed(&random_scenario(seed), 5));
+}
+
+#[test]
+#[ignore = "slow: carts and the drone, (30) in all its stages"]
+fn inputs_are_those_of_the_problem_as_printed_on_the_large_cases() {
     every(
         [
             cases::carts(3, 0.9),
@@ -394,11 +399,16 @@ fn states_converge_to_the_closest_admissible_equilibrium() {
 }
 
 #[test]
-#[ignore = "slow: 60 random plants, carts and the drone until they stand still"]
+#[ignore = "slow: 60 random plants until they stand still"]
 fn states_converge_on_many_plants() {
     every(0..60, |seed| {
         assert_arrives(&random_scenario(seed), Formulation::Implicit, 3000);
     });
+}
+
+#[test]
+#[ignore = "slow: carts and the drone until they stand still"]
+fn states_converge_on_the_large_cases() {
     every([cases::carts(5, 0.9), cases::drone(0.9)], |p| {
         assert_arrives(&scenario(&p, 5, 1), Formulation::Implicit, 3000);
     });
