@@ -32,3 +32,8 @@ pub use simulation::{
 };
 pub use steady_state::SteadyStates;
 pub use terminal::{Condition, DesignOptions, MaximalAdmissibleSet, Progress, TerminalIngredients};
+
+/// The examples of the README are tested with the documentation.
+#[cfg(doctest)]
+#[doc = include_str!("../../../README.md")]
+struct Readme;

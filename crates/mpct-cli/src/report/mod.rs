@@ -12,6 +12,7 @@ mod page;
 mod panel;
 mod picture;
 mod svg;
+mod tables;
 #[cfg(test)]
 mod tests;
 
