@@ -294,7 +294,16 @@ fn assert_arrives(s: &Scenario, formulation: Formulation, at_most: usize) {
         );
         if taken > 0 {
             let admissible = distance(&goal, set_point) <= 1e-7 * (1.0 + largest(set_point));
-            assert_eq!(last.1, admissible, "{}: admissible", s.name);
+            assert_eq!(
+                last.1,
+                admissible,
+                "{}: admissible {set_point:?}, {:?}, closest {goal:?}",
+                s.name,
+                s.ingredients.steady_states().closest_admissible(
+                    s.ingredients.problem(),
+                    &SetPoint::state(set_point.clone())
+                )
+            );
         }
     }
 }

@@ -59,8 +59,8 @@ pub struct AdmissibleSetPoint {
 const TIE_BREAK: f64 = 1e-6;
 /// A singular value of M_θx below this, relative to the largest, means equilibria that differ in the input alone.
 const SAME_STATE: f64 = 1e-9;
-/// An offset cost at most this, relative to the weight times the size of the set-point squared, is zero: the square of
-/// the distance at which closed loops are said to have arrived, 1e-6, less two digits.
+/// An offset cost at most this is zero, relative to that of the way from the operating point to the set-point or to a
+/// constraint: the square of the distance at which closed loops are said to have arrived, 1e-6, less two digits.
 const ADMISSIBLE: f64 = 1e-14;
 /// A row of λΘ is limiting when its slack is below this (right-hand sides are 1).
 const ACTIVE: f64 = 1e-7;
@@ -158,6 +158,8 @@ pub(crate) struct Equilibria {
     solver: OnlineSolver,
     /// C M_θx + D M_θu.
     rows: SparseMatrix,
+    /// Offset cost of going from the operating point to a constraint, the largest over the parameters.
+    unit: f64,
 }
 
 impl Equilibria {
@@ -177,6 +179,7 @@ impl Equilibria {
                 -cost.from_input[(i, j - n)]
             }
         });
+        let unit = (0..m).fold(0.0_f64, |a, i| a.max(0.5 * cost.hessian[(i, i)]));
         // There is no measured state here: one that is always zero takes its place.
         let program = Program {
             hessian: cost.hessian,
@@ -188,6 +191,7 @@ impl Equilibria {
         Ok(Self {
             solver: OnlineSolver::new(program, m, 0)?,
             rows,
+            unit,
         })
     }
 
@@ -241,8 +245,7 @@ impl Equilibria {
         Ok(AdmissibleSetPoint {
             state: add(&xs, &at.state),
             input: add(&us, &at.input),
-            admissible: offset_cost <= ADMISSIBLE * size.max(f64::MIN_POSITIVE)
-                || offset_cost == 0.0,
+            admissible: offset_cost <= ADMISSIBLE * size.max(self.unit),
             parameter: theta,
             offset_cost,
             limiting,
@@ -261,5 +264,45 @@ impl SteadyStates {
         set_point: &SetPoint,
     ) -> Result<AdmissibleSetPoint, DesignError> {
         Equilibria::new(problem, self)?.closest(problem, self, set_point)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Constraints, Matrix, Plant, Weights};
+
+    /// What a solver remembers of the last set-point must not show in the next answer.
+    #[test]
+    fn answers_do_not_depend_on_the_set_point_before() {
+        let plant = Plant::discrete(
+            Matrix::from_rows(&[[1.0, 1.0], [0.0, 1.0]]),
+            Matrix::from_rows(&[[0.0, 0.5], [1.0, 0.5]]),
+        )
+        .unwrap();
+        let constraints = Constraints::new(2, 2)
+            .state_bounds(&[-3.0; 2], &[3.0; 2])
+            .unwrap()
+            .input_bounds(&[-2.0; 2], &[2.0; 2])
+            .unwrap();
+        let problem = Problem::new(plant, constraints, Weights::new(10.0, 100.0, 1e4)).unwrap();
+        let steady = SteadyStates::of(&problem).unwrap();
+        let mut equilibria = Equilibria::new(&problem, &steady).unwrap();
+        for (state, admissible) in [
+            ([2.0, 0.5], true),
+            ([50.0, -30.0], false),
+            ([0.0, 0.0], true),
+            ([1e6, 1e6], false),
+            ([1.0, 0.1], true),
+            ([0.0, 0.0], true),
+        ] {
+            let set_point = SetPoint::state(state);
+            let found = equilibria.closest(&problem, &steady, &set_point).unwrap();
+            assert_eq!(found.admissible, admissible, "{found:?}");
+            let fresh = steady.closest_admissible(&problem, &set_point).unwrap();
+            for (a, b) in found.state.iter().zip(&fresh.state) {
+                assert!((a - b).abs() < 1e-9, "{found:?} {fresh:?}");
+            }
+        }
     }
 }
