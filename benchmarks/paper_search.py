@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import platform
 import statistics
 import subprocess
@@ -153,9 +154,11 @@ def machine() -> str:
                 break
     except OSError:
         pass
-    import os
-
-    return f"{name}, {os.cpu_count()} logical CPUs, {platform.system()} {platform.machine()}"
+    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
+    return (
+        f"{name}, {os.cpu_count()} logical CPUs, {platform.system()} {platform.machine()}; "
+        f"load average {load:.1f} at the end of the run (about 1 is the run itself, more means that others ran too)"
+    )
 
 
 def main() -> None:
