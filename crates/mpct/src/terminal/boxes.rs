@@ -154,11 +154,8 @@ impl Boxes {
             } else if finished {
                 // Unbounded even here: one-sided constraints. The programs then end at the box, which only ever
                 // proves that a row is not spent.
-                self.beta[l] = if bounded {
-                    reach * far[l] * ROOM
-                } else {
-                    far[l]
-                };
+                let widths = if bounded { reach * ROOM } else { FREE / FAR };
+                self.beta[l] = far[l] * widths;
                 self.valid[l] = false;
             }
         }

@@ -61,6 +61,11 @@ const PIVOT: f64 = 1e-9;
 /// Ties of the ratio test within this are broken by the larger pivot.
 const TIE: f64 = 1e-12;
 
+/// Pivots after which the inverse is computed afresh.
+const REFACTOR: usize = 100;
+/// Times the method goes on after a look with a fresh inverse.
+const ROUNDS: usize = 4;
+
 #[derive(Clone, Copy, PartialEq)]
 enum Basic {
     /// Box of variable j; +1 or −1.
@@ -110,19 +115,46 @@ impl DualSimplex {
         let d = rows.width;
         self.start_at_box(w);
         let limit = 200 + 20 * d;
-        let mut pivots = 0;
+        let (mut pivots, mut since, mut rounds) = (0, 0, 0);
         let ending = loop {
-            let bound = self.bound(rows);
-            if bound <= threshold {
-                break Ending::Below;
-            }
-            let Some((entering, side)) = self.most_violated(rows, skip) else {
-                break Ending::Optimal;
-            };
-            if pivots >= limit || !self.pivot(rows, entering, side) {
+            // Rank-one updates wear the inverse out: it is computed afresh now and then, and before an end is believed.
+            if since >= REFACTOR && !self.refactor(w, rows) {
                 break Ending::PivotLimit;
             }
-            pivots += 1;
+            if since >= REFACTOR {
+                since = 0;
+            }
+            let bound = self.bound(rows);
+            if bound <= threshold && (since == 0 || rounds > 0) {
+                break Ending::Below;
+            }
+            let entering = if bound <= threshold {
+                None
+            } else {
+                self.most_violated(rows, skip)
+            };
+            let moved = match entering {
+                Some((entering, side)) if pivots < limit * (rounds + 1) => {
+                    self.pivot(rows, entering, side)
+                }
+                _ => false,
+            };
+            if moved {
+                pivots += 1;
+                since += 1;
+                continue;
+            }
+            // Stuck or done. Believe it when the inverse is fresh; otherwise look again.
+            if since > 0 && rounds < ROUNDS && self.refactor(w, rows) {
+                since = 0;
+                rounds += 1;
+                continue;
+            }
+            break if entering.is_none() {
+                Ending::Optimal
+            } else {
+                Ending::PivotLimit
+            };
         };
         Solution {
             ending,
@@ -158,6 +190,82 @@ impl DualSimplex {
             self.y.push(wj.abs());
             self.z.push(side);
         }
+    }
+
+    /// The inverse, the vertex and the multipliers of the basis from the rows; false when the basis is singular. A
+    /// multiplier that turns out negative ends the method's guarantee of descent but not that of its bounds, which the
+    /// caller takes from the rows.
+    fn refactor(&mut self, w: &[f64], rows: &Rows<'_>) -> bool {
+        let d = rows.width;
+        // B side by side with the identity, rows of 2 d, eliminated to the identity side by side with B⁻¹.
+        let mut table = vec![0.0; 2 * d * d];
+        for (i, line) in table.chunks_exact_mut(2 * d).enumerate() {
+            match self.basis[i] {
+                Basic::Box(j, side) => line[j] = side,
+                Basic::Row(k, side) => line[..d]
+                    .iter_mut()
+                    .zip(rows.row(k))
+                    .for_each(|(l, v)| *l = side * v),
+            }
+            line[d + i] = 1.0;
+        }
+        for c in 0..d {
+            let Some(p) = (c..d).max_by(|&a, &b| {
+                table[a * 2 * d + c]
+                    .abs()
+                    .total_cmp(&table[b * 2 * d + c].abs())
+            }) else {
+                return false;
+            };
+            if !(table[p * 2 * d + c].abs() > f64::MIN_POSITIVE) {
+                return false;
+            }
+            for t in 0..2 * d {
+                table.swap(c * 2 * d + t, p * 2 * d + t);
+            }
+            let pivot = table[c * 2 * d + c];
+            table[c * 2 * d..(c + 1) * 2 * d]
+                .iter_mut()
+                .for_each(|v| *v /= pivot);
+            let (head, rest) = table.split_at_mut(c * 2 * d);
+            let (line, tail) = rest.split_at_mut(2 * d);
+            for other in head
+                .chunks_exact_mut(2 * d)
+                .chain(tail.chunks_exact_mut(2 * d))
+            {
+                let factor = other[c];
+                if factor != 0.0 {
+                    other
+                        .iter_mut()
+                        .zip(line.iter())
+                        .for_each(|(o, v)| *o -= factor * v);
+                }
+            }
+        }
+        for i in 0..d {
+            for c in 0..d {
+                self.inverse[c * d + i] = table[i * 2 * d + d + c];
+            }
+        }
+        self.z.fill(0.0);
+        for (c, column) in self.inverse.chunks_exact(d).enumerate() {
+            self.y[c] = dot(column, w).max(0.0);
+            let bound = match self.basis[c] {
+                Basic::Box(..) => 1.0,
+                Basic::Row(k, side) => {
+                    if side > 0.0 {
+                        rows.upper[k]
+                    } else {
+                        rows.lower[k]
+                    }
+                }
+            };
+            self.z
+                .iter_mut()
+                .zip(column)
+                .for_each(|(z, v)| *z += bound * v);
+        }
+        true
     }
 
     fn bound(&self, rows: &Rows<'_>) -> f64 {

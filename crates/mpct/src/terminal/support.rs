@@ -333,6 +333,13 @@ impl<'a> Support<'a> {
                 return Ok(v);
             }
         }
+        if share > SPENT_TOLERANCE {
+            // However wide the box, it stops the program: no constraint does, and the support has no bound.
+            return Ok(Verdict::NotSpent {
+                support: f64::INFINITY,
+                witness: Vec::new(),
+            });
+        }
         Err(DesignError::Solver {
             what: "a support of the terminal set".into(),
             detail: format!(
