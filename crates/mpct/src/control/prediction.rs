@@ -37,6 +37,10 @@ pub(crate) struct Condensed {
     pub(crate) from_state: Dense,
     /// F_r, variables × (n + m): set-point state and input.
     pub(crate) from_set_point: Dense,
+    #[allow(
+        dead_code,
+        reason = "tests hold each row against the trajectory it speaks of"
+    )]
     pub(crate) origin: Vec<RowOrigin>,
 }
 

@@ -168,11 +168,6 @@ impl Augmented {
         }
     }
 
-    /// Steps available, 0, …, `steps() − 1`.
-    pub(super) fn steps(&self) -> usize {
-        self.powers.len()
-    }
-
     /// The row of a pair after `step` steps, as entries of z = (e, θ), columns ascending.
     pub(super) fn moving_row(&self, pair: usize, step: usize) -> Vec<(usize, f64)> {
         let mut row = self.powers[step].row(pair);
@@ -208,12 +203,15 @@ fn cleaned(w: &SparseMatrix) -> SparseMatrix {
     )
 }
 
+/// A row's direction: columns, and entries relative to the first, in units of 1e-12.
+type Direction = Vec<(usize, i64)>;
+
 /// Finds opposite rows: C_j = −ρ C_i and D_j = −ρ D_i with ρ > 0.
 fn pair_up(c: &SparseMatrix, d: &SparseMatrix) -> Vec<Pair> {
     use std::collections::HashMap;
     let p = c.rows();
     // The direction of a row: its entries divided by the first, which rounding must not separate.
-    let key = |i: usize| -> Option<(f64, Vec<(usize, i64)>)> {
+    let key = |i: usize| -> Option<(f64, Direction)> {
         let entries: Vec<(usize, f64)> = c
             .row(i)
             .chain(d.row(i).map(|(j, v)| (j + c.cols(), v)))
@@ -225,7 +223,7 @@ fn pair_up(c: &SparseMatrix, d: &SparseMatrix) -> Vec<Pair> {
             .collect();
         Some((first, direction))
     };
-    let mut open: HashMap<Vec<(usize, i64)>, Vec<(usize, f64)>> = HashMap::new();
+    let mut open: HashMap<Direction, Vec<(usize, f64)>> = HashMap::new();
     let mut pairs: Vec<Pair> = Vec::with_capacity(p / 2 + 1);
     for i in 0..p {
         let Some((first, direction)) = key(i) else {

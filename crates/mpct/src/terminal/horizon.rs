@@ -176,7 +176,7 @@ impl Search<'_> {
         self.at_least
             .fetch_max(high.saturating_sub(1), Ordering::Relaxed);
         let done = 1 + self.done.fetch_add(1, Ordering::Relaxed);
-        if done % 64 == 0 {
+        if done.is_multiple_of(64) {
             self.report(done, 0, 0);
         }
         Ok(Outcome::Spent(high))

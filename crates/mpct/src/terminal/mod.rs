@@ -53,6 +53,9 @@ pub struct Progress {
     pub terminal_horizon_at_least: usize,
 }
 
+/// What is told how far a search has come, and may end it.
+pub type OnProgress<'a> = dyn Fn(&Progress) -> ControlFlow<()> + Sync + 'a;
+
 /// Choices of a design.
 #[derive(Clone, Copy)]
 pub struct DesignOptions<'a> {
@@ -63,7 +66,7 @@ pub struct DesignOptions<'a> {
     /// The search gives up after this time.
     pub time_limit: Option<Duration>,
     /// Called now and then; a `Break` ends the search with [`DesignError::Interrupted`].
-    pub progress: Option<&'a (dyn Fn(&Progress) -> ControlFlow<()> + Sync)>,
+    pub progress: Option<&'a OnProgress<'a>>,
 }
 
 /// Largest terminal horizon searched unless stated otherwise.

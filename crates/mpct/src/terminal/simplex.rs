@@ -50,7 +50,6 @@ pub(super) struct Solution {
     pub(super) multipliers: Vec<(usize, bool, f64)>,
     /// Σ y b, box included: an upper bound of the optimum.
     pub(super) bound: f64,
-    pub(super) pivots: usize,
 }
 
 /// A row violated by less than this, relative to its norm, counts as satisfied. The answers are checked against
@@ -169,7 +168,6 @@ impl DualSimplex {
                 })
                 .collect(),
             bound: self.bound(rows),
-            pivots,
         }
     }
 

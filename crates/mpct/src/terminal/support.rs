@@ -45,12 +45,15 @@ pub(super) enum RowId {
 
 /// The answer, with its proof.
 #[derive(Clone, Debug)]
+#[allow(
+    dead_code,
+    reason = "the search needs the answer alone; the proofs are for whoever does not believe it"
+)]
 pub(super) enum Verdict {
     Spent {
         /// Upper bound of the support, relative to the row's bound.
         support: f64,
         /// The proof.
-        #[allow(dead_code)]
         multipliers: Vec<(RowId, f64)>,
     },
     NotSpent {
