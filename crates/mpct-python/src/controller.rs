@@ -1,0 +1,386 @@
+//! `mpct.Controller` and what its steps answer.
+
+use crate::convert;
+use crate::design::{self, PyDesign};
+use crate::errors;
+use crate::problem;
+use mpct::{AdmissibleSetPoint, Controller, Formulation, SetPoint, Step};
+use numpy::{PyArray1, PyArray2};
+use pyo3::prelude::*;
+use pyo3::types::PyTuple;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+/// A set-point from its state and, when stated, its input.
+pub fn set_point(state: &Bound<'_, PyAny>, input: Option<&Bound<'_, PyAny>>) -> PyResult<SetPoint> {
+    Ok(SetPoint {
+        state: convert::vector("set_point", state)?,
+        input: input.map(|u| convert::vector("input", u)).transpose()?,
+    })
+}
+
+/// A controller. Made by `Design.controller`; threads may share it, their steps then follow one another.
+///
+/// A pickle of it has the problem; unpickling does the design again and forgets the last step.
+#[pyclass(frozen, name = "Controller", module = "mpct")]
+pub struct PyController {
+    inner: Mutex<Controller>,
+    design: PyDesign,
+    formulation: Formulation,
+}
+
+impl PyController {
+    pub fn new(inner: Controller, design: PyDesign, formulation: Formulation) -> Self {
+        Self {
+            inner: Mutex::new(inner),
+            design,
+            formulation,
+        }
+    }
+
+    /// The controller, for one thread. To be called without the GIL, which the thread that holds it may wait for.
+    pub fn lock(&self) -> MutexGuard<'_, Controller> {
+        // A step that panicked leaves nothing behind that the next one would trust: the solver starts anew.
+        self.inner
+            .lock()
+            .unwrap_or_else(|poisoned: PoisonError<_>| {
+                let mut guard = poisoned.into_inner();
+                guard.reset();
+                guard
+            })
+    }
+}
+
+/// H, f, G and b.
+type Program<'py> = (
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray1<f64>>,
+);
+
+#[pymethods]
+impl PyController {
+    /// The input for a measured state and a set-point.
+    ///
+    /// Parameters
+    /// ----------
+    /// x : array_like, shape (n,)
+    ///     Measured state.
+    /// set_point : array_like, shape (n,)
+    ///     State of the set-point; anything finite. When it is not admissible the controller goes to the closest
+    ///     steady state that is.
+    /// input : array_like, shape (m,), optional
+    ///     Input of the set-point; that of the operating point unless stated.
+    ///
+    /// Returns
+    /// -------
+    /// Step
+    ///
+    /// Raises
+    /// ------
+    /// StepError
+    ///     When the state is outside the domain of attraction, or an entry is not finite.
+    #[pyo3(signature = (x, set_point, input=None))]
+    fn step(
+        &self,
+        py: Python<'_>,
+        x: &Bound<'_, PyAny>,
+        set_point: &Bound<'_, PyAny>,
+        input: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<PyStep> {
+        let x = convert::vector("x", x)?;
+        let set_point = self::set_point(set_point, input)?;
+        let inner = py
+            .detach(|| self.lock().step(&x, &set_point))
+            .map_err(|e| errors::step(py, &e))?;
+        Ok(PyStep { inner })
+    }
+
+    /// The quadratic program of a step, for other solvers: min ½ zᵀ H z + fᵀ z subject to G z ≤ b.
+    ///
+    /// Parameters
+    /// ----------
+    /// x : array_like, shape (n,)
+    ///     Measured state.
+    /// set_point : array_like, shape (n,)
+    ///     State of the set-point.
+    /// input : array_like, shape (m,), optional
+    ///     Input of the set-point.
+    ///
+    /// Returns
+    /// -------
+    /// H : ndarray, shape (variables, variables)
+    /// f : ndarray, shape (variables,)
+    /// G : ndarray, shape (rows, variables)
+    /// b : ndarray, shape (rows,)
+    ///
+    /// Notes
+    /// -----
+    /// z = (c_0, …, c_{N−1}, θ), and the first input is u = K x + L θ + c_0, measured from the operating point.
+    #[pyo3(signature = (x, set_point, input=None))]
+    fn qp<'py>(
+        &self,
+        py: Python<'py>,
+        x: &Bound<'py, PyAny>,
+        set_point: &Bound<'py, PyAny>,
+        input: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Program<'py>> {
+        let x = convert::vector("x", x)?;
+        let set_point = self::set_point(set_point, input)?;
+        let qp = py
+            .detach(|| self.lock().qp(&x, &set_point))
+            .map_err(|e| errors::step(py, &e))?;
+        Ok((
+            convert::to_array2(py, qp.hessian)?,
+            convert::to_array(py, qp.linear),
+            convert::to_array2(py, qp.rows)?,
+            convert::to_array(py, qp.bounds),
+        ))
+    }
+
+    /// Forgets the last step; the next one has no candidate to fall back on.
+    fn reset(&self, py: Python<'_>) {
+        py.detach(|| self.lock().reset());
+    }
+
+    /// Bounds the work of a step.
+    ///
+    /// Parameters
+    /// ----------
+    /// iterations : int, optional
+    ///     Most iterations of the solver.
+    /// seconds : float, optional
+    ///     Longest time of the solver.
+    #[pyo3(signature = (iterations=None, seconds=None))]
+    fn set_limits(
+        &self,
+        py: Python<'_>,
+        iterations: Option<u32>,
+        seconds: Option<f64>,
+    ) -> PyResult<()> {
+        let time = design::seconds("seconds", seconds)?;
+        py.detach(|| self.lock().set_limits(iterations, time));
+        Ok(())
+    }
+
+    /// The design it was made from.
+    #[getter]
+    fn design(&self) -> PyDesign {
+        self.design.clone()
+    }
+
+    /// "implicit" or "explicit".
+    #[getter]
+    fn formulation(&self) -> &'static str {
+        problem::formulation_name(self.formulation)
+    }
+
+    /// Variables of the quadratic program.
+    #[getter]
+    fn variables(&self, py: Python<'_>) -> usize {
+        py.detach(|| self.lock().variables())
+    }
+
+    /// Rows of the quadratic program.
+    #[getter]
+    fn rows(&self, py: Python<'_>) -> usize {
+        py.detach(|| self.lock().rows())
+    }
+
+    fn __repr__(&self, py: Python<'_>) -> String {
+        format!(
+            "Controller(formulation='{}', variables={}, rows={})",
+            self.formulation(),
+            self.variables(py),
+            self.rows(py)
+        )
+    }
+
+    #[allow(clippy::type_complexity)]
+    fn __reduce__<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyTuple>)> {
+        let rebuild = py.import("mpct._pickle")?.getattr("controller")?;
+        let design = Bound::new(py, self.design())?.into_any();
+        let formulation = self.formulation().into_pyobject(py)?.into_any();
+        Ok((rebuild, convert::tuple(py, vec![design, formulation])?))
+    }
+}
+
+/// One step of a controller. Made by `Controller.step`.
+#[pyclass(frozen, name = "Step", module = "mpct", skip_from_py_object)]
+#[derive(Clone)]
+pub struct PyStep {
+    inner: Step,
+}
+
+#[pymethods]
+impl PyStep {
+    /// The input to apply, shape (m,).
+    #[getter]
+    fn u<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, &self.inner.input)
+    }
+
+    /// Artificial steady state, shape (n,).
+    #[getter]
+    fn artificial_state<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, &self.inner.artificial_state)
+    }
+
+    /// Artificial steady input, shape (m,).
+    #[getter]
+    fn artificial_input<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, &self.inner.artificial_input)
+    }
+
+    /// Cost of the prediction.
+    #[getter]
+    fn cost(&self) -> f64 {
+        self.inner.cost
+    }
+
+    /// Part of the cost that penalises the distance from the set-point.
+    #[getter]
+    fn offset_cost(&self) -> f64 {
+        self.inner.offset_cost
+    }
+
+    /// Whether the set-point is admissible.
+    #[getter]
+    fn admissible(&self) -> bool {
+        self.inner.admissible
+    }
+
+    /// Predicted states x_0, …, x_N, shape (N + 1, n).
+    #[getter]
+    fn predicted_states<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let cols = self.inner.artificial_state.len();
+        convert::rows_to_array2(
+            py,
+            cols,
+            self.inner.predicted_states.iter().map(Vec::as_slice),
+        )
+    }
+
+    /// Predicted inputs u_0, …, u_{N−1}, shape (N, m).
+    #[getter]
+    fn predicted_inputs<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let cols = self.inner.artificial_input.len();
+        convert::rows_to_array2(
+            py,
+            cols,
+            self.inner.predicted_inputs.iter().map(Vec::as_slice),
+        )
+    }
+
+    /// "optimal", or "candidate" when the solver gave no answer and the shifted last solution is used.
+    #[getter]
+    fn status(&self) -> String {
+        self.inner.status.to_string()
+    }
+
+    /// Iterations of the solver.
+    #[getter]
+    fn iterations(&self) -> usize {
+        self.inner.iterations
+    }
+
+    /// Largest violation of a row of the program, where right-hand sides are 1 at the operating point.
+    #[getter]
+    fn violation(&self) -> f64 {
+        self.inner.violation
+    }
+
+    /// Seconds that the step took.
+    #[getter]
+    fn seconds(&self) -> f64 {
+        self.inner.elapsed.as_secs_f64()
+    }
+
+    fn __repr__(&self) -> String {
+        format!(
+            "Step(u={:?}, cost={:.6e}, admissible={}, status='{}', iterations={}, seconds={:.3e})",
+            self.inner.input,
+            self.inner.cost,
+            if self.inner.admissible {
+                "True"
+            } else {
+                "False"
+            },
+            self.inner.status,
+            self.inner.iterations,
+            self.seconds()
+        )
+    }
+}
+
+/// The admissible steady state closest to a set-point. Made by `Design.closest_admissible`.
+#[pyclass(
+    frozen,
+    name = "AdmissibleSetPoint",
+    module = "mpct",
+    skip_from_py_object
+)]
+#[derive(Clone)]
+pub struct PyAdmissibleSetPoint {
+    pub inner: AdmissibleSetPoint,
+}
+
+#[pymethods]
+impl PyAdmissibleSetPoint {
+    /// Its state, shape (n,).
+    #[getter]
+    fn state<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, &self.inner.state)
+    }
+
+    /// Its input, shape (m,).
+    #[getter]
+    fn input<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, &self.inner.input)
+    }
+
+    /// θ.
+    #[getter]
+    fn parameter<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, &self.inner.parameter)
+    }
+
+    /// Weighted squared distance from the set-point.
+    #[getter]
+    fn offset_cost(&self) -> f64 {
+        self.inner.offset_cost
+    }
+
+    /// Whether the set-point itself is admissible.
+    #[getter]
+    fn admissible(&self) -> bool {
+        self.inner.admissible
+    }
+
+    /// The constraint rows that are active there.
+    #[getter]
+    fn limiting(&self) -> Vec<String> {
+        self.inner
+            .limiting
+            .iter()
+            .map(ToString::to_string)
+            .collect()
+    }
+
+    fn __repr__(&self) -> String {
+        format!(
+            "AdmissibleSetPoint(state={:?}, input={:?}, admissible={}, limiting={:?})",
+            self.inner.state,
+            self.inner.input,
+            if self.inner.admissible {
+                "True"
+            } else {
+                "False"
+            },
+            self.limiting()
+        )
+    }
+}

@@ -1,0 +1,303 @@
+//! `mpct.Design`.
+
+use crate::controller::{self, PyAdmissibleSetPoint, PyController};
+use crate::convert;
+use crate::errors;
+use crate::interrupt;
+use crate::problem::{self, PyProblem};
+use mpct::{Condition, Controller, DesignOptions, Problem, Progress, TerminalIngredients};
+use numpy::{PyArray1, PyArray2};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::{PyBool, PyDict, PyTuple};
+use std::ops::ControlFlow;
+use std::sync::Mutex;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+/// The terminal ingredients of a controller. Made by `Problem.design`.
+///
+/// A pickle of it has the problem and the options; unpickling does the design again.
+#[pyclass(frozen, name = "Design", module = "mpct", skip_from_py_object)]
+#[derive(Clone)]
+pub struct PyDesign {
+    inner: TerminalIngredients,
+    max_horizon: usize,
+}
+
+/// What shows progress: `None` when nothing does.
+fn watcher<'py>(
+    py: Python<'py>,
+    progress: Option<Bound<'py, PyAny>>,
+) -> PyResult<Option<Bound<'py, PyAny>>> {
+    match progress {
+        Some(p) if p.is_instance_of::<PyBool>() && !p.is_truthy()? => Ok(None),
+        Some(p) if !p.is_instance_of::<PyBool>() => Ok(Some(p)),
+        choice => {
+            let bar = py
+                .import("mpct._progress")?
+                .call_method1("bar", (choice.is_some(),))?;
+            Ok((!bar.is_none()).then_some(bar))
+        }
+    }
+}
+
+pub fn seconds(what: &str, value: Option<f64>) -> PyResult<Option<Duration>> {
+    value
+        .map(|s| {
+            Duration::try_from_secs_f64(s).map_err(|_| {
+                PyValueError::new_err(format!("{what}: expected seconds >= 0, found {s}"))
+            })
+        })
+        .transpose()
+}
+
+pub fn design(
+    py: Python<'_>,
+    problem: &Problem,
+    condition: &str,
+    max_horizon: usize,
+    time_limit: Option<f64>,
+    progress: Option<Bound<'_, PyAny>>,
+) -> PyResult<PyDesign> {
+    let condition = match condition {
+        "exact" => Condition::Exact,
+        "sufficient" => Condition::Sufficient,
+        _ => {
+            return Err(PyValueError::new_err(format!(
+                "condition: expected 'exact' or 'sufficient', found '{condition}'"
+            )));
+        }
+    };
+    let time_limit = seconds("time_limit", time_limit)?;
+    let watcher = watcher(py, progress)?;
+    // Rows done, rows in all, lower bound of the horizon.
+    let latest = Mutex::new((0, 0, 0));
+    let result = interrupt::run(
+        py,
+        |stop| {
+            let progress = |p: &Progress| {
+                if let Ok(mut known) = latest.lock() {
+                    known.0 = known.0.max(p.rows_done);
+                    known.1 = known.1.max(p.rows_total);
+                    known.2 = known.2.max(p.terminal_horizon_at_least);
+                }
+                if stop.load(Ordering::Relaxed) {
+                    ControlFlow::Break(())
+                } else {
+                    ControlFlow::Continue(())
+                }
+            };
+            let options = DesignOptions {
+                condition,
+                max_horizon,
+                time_limit,
+                progress: Some(&progress),
+            };
+            TerminalIngredients::design(problem, &options)
+        },
+        |_| {
+            let known = latest.lock().map_or((0, 0, 0), |known| *known);
+            if let Some(watcher) = &watcher {
+                watcher.call1(known)?;
+            }
+            Ok(())
+        },
+    );
+    if let Some(close) = watcher
+        .as_ref()
+        .and_then(|w| w.getattr_opt("close").ok().flatten())
+    {
+        close.call0()?;
+    }
+    let inner = result?.map_err(|e| errors::design(py, &e))?;
+    Ok(PyDesign { inner, max_horizon })
+}
+
+#[pymethods]
+impl PyDesign {
+    /// The problem.
+    #[getter]
+    fn problem(&self) -> PyProblem {
+        PyProblem {
+            inner: self.inner.problem().clone(),
+        }
+    }
+
+    /// M̃, or M for regulation: the steps of the terminal law after which no constraint can be violated first.
+    #[getter]
+    fn terminal_horizon(&self) -> usize {
+        self.inner.terminal_horizon()
+    }
+
+    /// "exact" or "sufficient".
+    #[getter]
+    fn condition(&self) -> String {
+        self.inner.condition().to_string()
+    }
+
+    /// K of the terminal law u = K x + L θ, shape (m, n).
+    #[getter]
+    fn gain<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        convert::sparse_to_array2(py, self.inner.gain())
+    }
+
+    /// P, shape (n, n).
+    #[getter]
+    fn terminal_weight<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        convert::sparse_to_array2(py, self.inner.terminal_weight())
+    }
+
+    /// ρ, the spectral radius of A + B K.
+    #[getter]
+    fn spectral_radius(&self) -> f64 {
+        self.inner.spectral_radius()
+    }
+
+    /// M_θ, shape (n + m, m): the steady states are (x_s, u_s) = M_θ θ around the operating point.
+    #[getter]
+    fn steady_state_basis<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let basis = self.inner.steady_states();
+        let (x, u) = (
+            basis.state_basis().to_dense(),
+            basis.input_basis().to_dense(),
+        );
+        let cols = u.cols();
+        convert::rows_to_array2(
+            py,
+            cols,
+            (0..x.rows())
+                .map(|i| x.row(i))
+                .chain((0..u.rows()).map(|i| u.row(i))),
+        )
+    }
+
+    /// The first step at which each constraint row is implied by the steps before it: a list of (row, step).
+    #[getter]
+    fn spent_steps(&self) -> Vec<(String, usize)> {
+        self.inner
+            .spent_steps()
+            .into_iter()
+            .map(|(row, step)| (row.to_string(), step))
+            .collect()
+    }
+
+    /// Constraint rows of the terminal set at each step.
+    #[getter]
+    fn rows(&self) -> usize {
+        self.inner.constraint_rows()
+    }
+
+    /// Linear programs solved.
+    #[getter]
+    fn linear_programs(&self) -> usize {
+        self.inner.linear_programs()
+    }
+
+    /// Seconds that the design took.
+    #[getter]
+    fn seconds(&self) -> f64 {
+        self.inner.elapsed().as_secs_f64()
+    }
+
+    /// The explicit terminal set without redundant rows.
+    ///
+    /// Returns
+    /// -------
+    /// G : ndarray, shape (rows, n + m) for tracking, (rows, n) for regulation
+    ///     Its columns are (x, θ), with x measured from the operating point.
+    /// g : ndarray, shape (rows,)
+    ///     The set is {(x, θ) : G (x, θ) ≤ g}.
+    #[allow(clippy::type_complexity)]
+    fn terminal_set<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>)> {
+        let set = py
+            .detach(|| self.inner.maximal_admissible_set())
+            .map_err(|e| errors::design(py, &e))?;
+        Ok((
+            convert::sparse_to_array2(py, set.rows())?,
+            convert::to_array(py, vec![1.0; set.len()]),
+        ))
+    }
+
+    /// A controller.
+    ///
+    /// Parameters
+    /// ----------
+    /// formulation : {"implicit", "explicit"}, optional
+    ///     That of the problem unless stated.
+    ///
+    /// Returns
+    /// -------
+    /// Controller
+    #[pyo3(signature = (formulation=None))]
+    fn controller(&self, py: Python<'_>, formulation: Option<&str>) -> PyResult<PyController> {
+        let formulation = match formulation {
+            Some(name) => problem::formulation(name)?,
+            None => self.inner.problem().formulation(),
+        };
+        let ingredients = self.inner.clone();
+        let inner = py
+            .detach(|| Controller::with_formulation(ingredients, formulation))
+            .map_err(|e| errors::design(py, &e))?;
+        Ok(PyController::new(inner, self.clone(), formulation))
+    }
+
+    /// The admissible steady state closest to a set-point in the offset cost.
+    ///
+    /// Parameters
+    /// ----------
+    /// set_point : array_like, shape (n,)
+    ///     State of the set-point.
+    /// input : array_like, shape (m,), optional
+    ///     Input of the set-point.
+    ///
+    /// Returns
+    /// -------
+    /// AdmissibleSetPoint
+    #[pyo3(signature = (set_point, input=None))]
+    fn closest_admissible(
+        &self,
+        py: Python<'_>,
+        set_point: &Bound<'_, PyAny>,
+        input: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<PyAdmissibleSetPoint> {
+        let set_point = controller::set_point(set_point, input)?;
+        let inner = py
+            .detach(|| {
+                self.inner
+                    .closest_admissible(self.inner.problem(), &set_point)
+            })
+            .map_err(|e| errors::design(py, &e))?;
+        Ok(PyAdmissibleSetPoint { inner })
+    }
+
+    fn __repr__(&self) -> String {
+        format!(
+            "Design(M̃={}, ρ={:.6}, rows={}, linear_programs={}, seconds={:.3})",
+            self.terminal_horizon(),
+            self.spectral_radius(),
+            self.rows(),
+            self.linear_programs(),
+            self.seconds()
+        )
+    }
+
+    #[allow(clippy::type_complexity)]
+    fn __reduce__<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyTuple>)> {
+        let rebuild = py.import("mpct._pickle")?.getattr("design")?;
+        let options = PyDict::new(py);
+        options.set_item("condition", self.condition())?;
+        options.set_item("max_horizon", self.max_horizon)?;
+        let problem = Bound::new(py, self.problem())?;
+        Ok((
+            rebuild,
+            convert::tuple(py, vec![problem.into_any(), options.into_any()])?,
+        ))
+    }
+}
