@@ -2,6 +2,7 @@
 
 use super::augmented::Augmented;
 use super::simplex::{DualSimplex, Rows};
+use crate::clock::Clock;
 use crate::error::DesignError;
 use crate::linalg::{self, Dense};
 
@@ -26,7 +27,7 @@ impl Boxes {
     ///
     /// # Errors
     /// [`DesignError::Unbounded`] when a direction is neither bounded nor observed by the constraints.
-    pub(super) fn of(system: &mut Augmented) -> Result<Self, DesignError> {
+    pub(super) fn of(system: &mut Augmented, clock: &Clock) -> Result<Self, DesignError> {
         let d = system.dimension();
         let mut boxes = Self {
             beta: vec![f64::INFINITY; d],
@@ -41,12 +42,12 @@ impl Boxes {
         if open.iter().any(|&l| l < system.states) {
             check_states(system)?;
         }
-        boxes.solve(system, &open, 0);
+        boxes.solve(system, &open, 0, clock);
         let open: Vec<usize> = (0..d).filter(|&l| boxes.beta[l].is_infinite()).collect();
         if !open.is_empty() {
             let last = STEPS.min(system.states);
             system.extend_to(last);
-            boxes.solve(system, &open, last);
+            boxes.solve(system, &open, last, clock);
         }
         Ok(boxes)
     }
@@ -87,7 +88,7 @@ impl Boxes {
     }
 
     /// Bounds by linear programs over the rows of steps 0, …, `last`.
-    fn solve(&mut self, system: &Augmented, open: &[usize], last: usize) {
+    fn solve(&mut self, system: &Augmented, open: &[usize], last: usize, clock: &Clock) {
         let d = system.dimension();
         let mut rows = Vec::new();
         let mut lower = Vec::new();
@@ -138,7 +139,8 @@ impl Boxes {
             for sign in [1.0, -1.0] {
                 let mut w = vec![0.0; d];
                 w[l] = sign;
-                reach = reach.max(simplex.maximise(&w, &rows, 0.0, None).bound);
+                simplex.maximise(&w, &rows, 0.0, None, clock);
+                reach = reach.max(simplex.bound(&rows));
             }
             found.push((l, reach));
         }
@@ -167,13 +169,22 @@ fn check_equilibria(system: &Augmented) -> Result<(), DesignError> {
     if system.parameters == 0 {
         return Ok(());
     }
-    let w = linalg::dense(&system.equilibrium);
+    let w = theta_columns(system);
     match null_direction(&w)? {
         None => Ok(()),
         Some(direction) => Err(DesignError::Unbounded {
             direction: format!("the equilibria along {}", named(&direction, "theta")),
         }),
     }
+}
+
+/// w of every pair, pairs × parameters.
+fn theta_columns(system: &Augmented) -> Dense {
+    let mut w = Dense::zeros(system.pairs.len(), system.parameters);
+    for (i, j, v) in system.equilibrium().entries() {
+        w[(i, j - system.states)] = v;
+    }
+    w
 }
 
 /// (C + D K, A + B K) must be observable.

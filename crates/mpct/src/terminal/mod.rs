@@ -1,26 +1,30 @@
 //! Terminal ingredients: K, P, the steady-state basis and the terminal horizon.
 
 mod augmented;
+mod bank;
 mod boxes;
 mod explicit_set;
 mod horizon;
+mod program;
 mod simplex;
 mod support;
 
 pub use explicit_set::MaximalAdmissibleSet;
 
+use crate::clock::Clock;
 use crate::error::DesignError;
-use crate::linalg;
-use crate::lqr::{self, TerminalLaw};
+use crate::lqr::{self, Law, TerminalLaw};
 use crate::matrix::SparseMatrix;
 use crate::problem::{Problem, RowSource, Task};
 use crate::steady_state::SteadyStates;
 use augmented::Augmented;
+use bank::Bank;
 use boxes::Boxes;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::ops::ControlFlow;
-use std::time::{Duration, Instant};
+use std::sync::OnceLock;
+use std::time::Duration;
 
 /// Which form of (15)/(26) the terminal horizon satisfies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -110,9 +114,9 @@ impl fmt::Debug for DesignOptions<'_> {
 #[derive(Clone, Debug)]
 pub struct TerminalIngredients {
     problem: Problem,
-    law: TerminalLaw,
-    gain: SparseMatrix,
-    weight: SparseMatrix,
+    law: Law,
+    /// The law once more, for computations with full matrices.
+    dense_law: OnceLock<TerminalLaw>,
     steady_states: SteadyStates,
     condition: Condition,
     terminal_horizon: usize,
@@ -136,12 +140,12 @@ impl TerminalIngredients {
                 found: "0".into(),
             });
         }
-        let started = Instant::now();
-        let law = lqr::terminal_law(problem)?;
+        let clock = Clock::start(options.time_limit);
+        let law = lqr::terminal_law(problem, &clock)?;
         let steady_states = SteadyStates::of(problem)?;
         let mut system = Augmented::new(problem, &law.gain, &law.closed_loop, &steady_states);
-        let boxes = Boxes::of(&mut system)?;
-        let found = horizon::search(problem, &mut system, &boxes, options, started)?;
+        let mut bank = within_a_box(&mut system, Room::AsIs, &clock)?;
+        let found = horizon::search(problem, &mut system, &mut bank, options, &clock)?;
         let mut spent = vec![1; problem.rows().len()];
         for (pair, at) in system.pairs.iter().zip(&found.spent) {
             spent[pair.upper] = at[0];
@@ -151,15 +155,14 @@ impl TerminalIngredients {
         }
         Ok(Self {
             problem: problem.clone(),
-            gain: linalg::sparse(&law.gain),
-            weight: linalg::sparse(&law.weight),
             law,
+            dense_law: OnceLock::new(),
             steady_states,
             condition: options.condition,
             terminal_horizon: found.horizon,
             spent,
             linear_programs: found.programs,
-            elapsed: started.elapsed(),
+            elapsed: clock.elapsed(),
         })
     }
 
@@ -170,12 +173,12 @@ impl TerminalIngredients {
 
     /// K of the terminal law u = K x + L θ, m × n.
     pub fn gain(&self) -> &SparseMatrix {
-        &self.gain
+        &self.law.gain
     }
 
     /// P, the solution of (3) for this K, n × n.
     pub fn terminal_weight(&self) -> &SparseMatrix {
-        &self.weight
+        &self.law.weight
     }
 
     /// The basis M_θ of the steady states (6).
@@ -238,13 +241,8 @@ impl TerminalIngredients {
     /// [`DesignError::Solver`] when a redundancy cannot be decided with a checked answer.
     pub fn maximal_admissible_set(&self) -> Result<MaximalAdmissibleSet, DesignError> {
         let mut system = self.augmented();
-        let boxes = Boxes::of(&mut system)?;
-        explicit_set::irredundant(
-            &mut system,
-            &boxes.doubled(),
-            &self.steady_states,
-            &self.spent,
-        )
+        let mut bank = within_a_box(&mut system, Room::Doubled, &Clock::unlimited())?;
+        explicit_set::irredundant(&mut system, &mut bank, &self.steady_states, &self.spent)
     }
 
     /// C M_θx + D M_θu, rows × m.
@@ -259,7 +257,7 @@ impl TerminalIngredients {
 
     /// K, P and A + B K, dense.
     pub(crate) fn law(&self) -> &TerminalLaw {
-        &self.law
+        self.dense_law.get_or_init(|| self.law.to_dense())
     }
 
     /// First spent step of constraint row i.
@@ -275,4 +273,25 @@ impl TerminalIngredients {
             &self.steady_states,
         )
     }
+}
+
+/// Which box a computation needs.
+#[derive(Clone, Copy)]
+enum Room {
+    /// That of the set.
+    AsIs,
+    /// That of the set with any one row left out.
+    Doubled,
+}
+
+/// The box of a system, and its rows laid out in it.
+fn within_a_box(system: &mut Augmented, room: Room, clock: &Clock) -> Result<Bank, DesignError> {
+    let boxes = match room {
+        Room::AsIs => Boxes::of(system, clock)?,
+        Room::Doubled => Boxes::of(system, clock)?.doubled(),
+    };
+    if boxes.valid.iter().all(|&v| v) {
+        system.drop_within(&boxes.beta);
+    }
+    Ok(Bank::new(system, &boxes))
 }

@@ -7,8 +7,14 @@
 //! iterate carries multipliers y ≥ 0 with Σ y_k r_k = w, so Σ y_k b_k is an upper bound of the optimum *before* the
 //! method has ended, and most questions end early.
 //!
+//! Nearly all of the time goes into the products r_k·z. A pass over all rows therefore keeps its worst few; pivots
+//! are chosen among these until they are satisfied or stale, and only then all rows are looked at again.
+//!
 //! Source: dual simplex with an explicit inverse, Bertsimas and Tsitsiklis, "Introduction to Linear Optimization",
-//! section 4.5; bounded rows as in Maros, "Computational Techniques of the Simplex Method", chapter 10.
+//! section 4.5; bounded rows as in Maros, "Computational Techniques of the Simplex Method", chapter 10, multiple
+//! pricing in chapter 9.
+
+use crate::clock::Clock;
 
 /// Rows −l ≤ r·z ≤ u, dense, row-major. An infinite bound is no bound.
 pub(super) struct Rows<'a> {
@@ -20,12 +26,12 @@ pub(super) struct Rows<'a> {
     pub(super) upper: &'a [f64],
     /// l.
     pub(super) lower: &'a [f64],
-    /// 1/‖r_k‖₂, to compare violations.
+    /// 1/‖r_k‖₂, to compare violations; 0 for a row of zeros.
     pub(super) inverse_norms: &'a [f64],
 }
 
 impl Rows<'_> {
-    pub(super) fn row(&self, k: usize) -> &[f64] {
+    fn row(&self, k: usize) -> &[f64] {
         &self.coefficients[k * self.width..(k + 1) * self.width]
     }
 }
@@ -39,29 +45,33 @@ pub(super) enum Ending {
     Below,
     /// Neither, within the pivots allowed.
     PivotLimit,
-}
-
-/// The last iterate.
-pub(super) struct Solution {
-    pub(super) ending: Ending,
-    /// The vertex.
-    pub(super) z: Vec<f64>,
-    /// (row, true for its upper side, multiplier > 0).
-    pub(super) multipliers: Vec<(usize, bool, f64)>,
-    /// Σ y b, box included: an upper bound of the optimum.
-    pub(super) bound: f64,
-    pub(super) pivots: usize,
+    /// The clock rang.
+    Stopped,
 }
 
 /// A row violated by less than this, relative to its norm, counts as satisfied. The answers are checked against
 /// their own bound afterwards, so this only has to stop the method from chasing rounding.
 const FEASIBILITY: f64 = 1e-11;
-/// Pivots smaller than this, relative to the largest candidate, spoil the inverse.
+/// Entries of α smaller than this, relative to the largest, are no pivots.
 const PIVOT: f64 = 1e-9;
-/// Ties of the ratio test within this are broken by the larger pivot.
-const TIE: f64 = 1e-12;
+/// Pivots smaller than this, relative to the largest candidate, are taken only from a fresh inverse.
+const DOUBTFUL: f64 = 1e-5;
+/// The ratio test lets multipliers become this negative if that gives a larger pivot (Harris). The verdict counts
+/// negative multipliers as left over.
+const HARRIS: f64 = 1e-12;
+/// Rows kept from a pass over all of them. With fewer, passes become frequent; with more, the choice costs what a
+/// pass costs.
+const CANDIDATES: usize = 24;
+/// A candidate is stale when it is violated by less than this share of the worst at the last pass.
+const STALE: f64 = 0.2;
+/// Pivots after which the inverse is computed anew, so that rounding does not pile up in it.
+const REFRESH: usize = 100;
+/// Entering rows refused for want of a pivot before the method gives up.
+const REFUSALS: usize = 50;
+/// Pivots between two looks at the clock.
+const CLOCK: usize = 16;
 
-#[derive(Clone, Copy, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 enum Basic {
     /// Box of variable j; +1 or −1.
     Box(usize, f64),
@@ -69,7 +79,7 @@ enum Basic {
     Row(usize, f64),
 }
 
-/// Scratch memory and method; one per thread.
+/// Scratch memory and method; one per thread. After [`DualSimplex::maximise`] it holds the last iterate.
 #[derive(Default)]
 pub(super) struct DualSimplex {
     /// Columns of B⁻¹, one after the other.
@@ -78,12 +88,30 @@ pub(super) struct DualSimplex {
     y: Vec<f64>,
     z: Vec<f64>,
     alpha: Vec<f64>,
+    candidates: Vec<(f64, Basic)>,
+    /// Violation of the worst candidate when all rows were last looked at.
+    worst: f64,
+    pivots: usize,
+    /// Pivots since the inverse was computed from the basis.
+    since_fresh: usize,
 }
 
+/// What became of a pivot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Pivot {
+    Made,
+    /// Only a small one was found, and the inverse is not fresh: nothing was changed.
+    Doubtful,
+    /// No row can leave, which exact arithmetic excludes: the origin is feasible.
+    None,
+}
+
+/// Σ a_i b_i.
+#[inline(always)]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
-    // Four partial sums let the compiler vectorise without reordering one sum.
-    let mut s = [0.0; 4];
-    let (ca, cb) = (a.chunks_exact(4), b.chunks_exact(4));
+    // Partial sums let the compiler vectorise without reordering one sum.
+    let mut s = [0.0; 8];
+    let (ca, cb) = (a.chunks_exact(8), b.chunks_exact(8));
     let tail: f64 = ca
         .remainder()
         .iter()
@@ -91,11 +119,11 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
         .map(|(x, y)| x * y)
         .sum();
     for (x, y) in ca.zip(cb) {
-        for i in 0..4 {
+        for i in 0..8 {
             s[i] += x[i] * y[i];
         }
     }
-    (s[0] + s[1]) + (s[2] + s[3]) + tail
+    ((s[0] + s[1]) + (s[2] + s[3])) + ((s[4] + s[5]) + (s[6] + s[7])) + tail
 }
 
 impl DualSimplex {
@@ -106,39 +134,82 @@ impl DualSimplex {
         rows: &Rows<'_>,
         threshold: f64,
         skip: Option<(usize, bool)>,
-    ) -> Solution {
+        clock: &Clock,
+    ) -> Ending {
         let d = rows.width;
         self.start_at_box(w);
         let limit = 200 + 20 * d;
-        let mut pivots = 0;
-        let ending = loop {
-            let bound = self.bound(rows);
-            if bound <= threshold {
-                break Ending::Below;
+        let mut refused = 0;
+        loop {
+            if self.bound(rows) <= threshold {
+                return Ending::Below;
             }
-            let Some((entering, side)) = self.most_violated(rows, skip) else {
-                break Ending::Optimal;
+            let Some((entering, violation)) = self.entering(rows, skip) else {
+                return Ending::Optimal;
             };
-            if pivots >= limit || !self.pivot(rows, entering, side) {
-                break Ending::PivotLimit;
+            let fresh = self.since_fresh == 0;
+            match self.pivot(rows, entering, violation, fresh) {
+                Pivot::Made => {
+                    self.pivots += 1;
+                    self.since_fresh += 1;
+                    if self.pivots >= limit
+                        || (self.since_fresh == REFRESH && !self.refresh(rows, w))
+                    {
+                        return Ending::PivotLimit;
+                    }
+                }
+                Pivot::Doubtful | Pivot::None if !fresh => {
+                    if !self.refresh(rows, w) {
+                        return Ending::PivotLimit;
+                    }
+                }
+                Pivot::Doubtful | Pivot::None => {
+                    // Exact arithmetic has a pivot for every row: this one depends on the basis up to rounding.
+                    self.candidates.retain(|c| c.1 != entering);
+                    refused += 1;
+                    if refused == REFUSALS {
+                        return Ending::PivotLimit;
+                    }
+                }
             }
-            pivots += 1;
-        };
-        Solution {
-            ending,
-            z: self.z.clone(),
-            multipliers: self
-                .basis
-                .iter()
-                .zip(&self.y)
-                .filter_map(|(b, &y)| match *b {
-                    Basic::Row(k, side) if y > 0.0 => Some((k, side > 0.0, y)),
-                    _ => None,
-                })
-                .collect(),
-            bound: self.bound(rows),
-            pivots,
+            if self.pivots % CLOCK == 0 && clock.has_stopped() {
+                return Ending::Stopped;
+            }
         }
+    }
+
+    /// The vertex.
+    pub(super) fn point(&self) -> &[f64] {
+        &self.z
+    }
+
+    /// (row, true for its upper side, multiplier > 0).
+    pub(super) fn multipliers(&self) -> impl Iterator<Item = (usize, bool, f64)> + '_ {
+        self.basis
+            .iter()
+            .zip(&self.y)
+            .filter_map(|(b, &y)| match *b {
+                Basic::Row(k, side) if y > 0.0 => Some((k, side > 0.0, y)),
+                _ => None,
+            })
+    }
+
+    /// Pivots of the last program.
+    pub(super) fn pivots(&self) -> usize {
+        self.pivots
+    }
+
+    /// Σ y b, box included: an upper bound of the optimum.
+    pub(super) fn bound(&self, rows: &Rows<'_>) -> f64 {
+        self.basis
+            .iter()
+            .zip(&self.y)
+            .map(|(b, &y)| match *b {
+                Basic::Box(..) => y,
+                Basic::Row(k, side) if side > 0.0 => y * rows.upper[k],
+                Basic::Row(k, _) => y * rows.lower[k],
+            })
+            .sum()
     }
 
     /// The vertex of the box in the direction of w: its multipliers are |w|.
@@ -151,6 +222,10 @@ impl DualSimplex {
         self.z.clear();
         self.alpha.clear();
         self.alpha.resize(d, 0.0);
+        self.candidates.clear();
+        self.worst = f64::INFINITY;
+        self.pivots = 0;
+        self.since_fresh = 0;
         for (j, &wj) in w.iter().enumerate() {
             let side = if wj < 0.0 { -1.0 } else { 1.0 };
             self.inverse[j * d + j] = side;
@@ -160,52 +235,75 @@ impl DualSimplex {
         }
     }
 
-    fn bound(&self, rows: &Rows<'_>) -> f64 {
-        self.basis
-            .iter()
-            .zip(&self.y)
-            .map(|(b, &y)| match *b {
-                Basic::Box(..) => y,
+    /// The row, or side of the box, to enter the basis, with its violation.
+    fn entering(&mut self, rows: &Rows<'_>, skip: Option<(usize, bool)>) -> Option<(Basic, f64)> {
+        if let Some((scaled, basic, violation)) = self.worst_candidate(rows)
+            && scaled > STALE * self.worst
+        {
+            return Some((basic, violation));
+        }
+        self.look_at_all(rows, skip);
+        let (scaled, basic, violation) = self.worst_candidate(rows)?;
+        self.worst = scaled;
+        Some((basic, violation))
+    }
+
+    /// The candidate violated most: relative to its norm, and absolutely.
+    fn worst_candidate(&self, rows: &Rows<'_>) -> Option<(f64, Basic, f64)> {
+        let mut worst = FEASIBILITY;
+        let mut found = None;
+        for &(_, basic) in &self.candidates {
+            let (violation, inverse_norm) = match basic {
+                Basic::Box(j, side) => (side * self.z[j] - 1.0, 1.0),
                 Basic::Row(k, side) => {
-                    y * if side > 0.0 {
+                    let bound = if side > 0.0 {
                         rows.upper[k]
                     } else {
                         rows.lower[k]
-                    }
+                    };
+                    (
+                        side * dot(rows.row(k), &self.z) - bound,
+                        rows.inverse_norms[k],
+                    )
                 }
-            })
-            .sum()
-    }
-
-    /// The row, or side of the box, that z violates most relative to its norm.
-    fn most_violated(&self, rows: &Rows<'_>, skip: Option<(usize, bool)>) -> Option<(Basic, f64)> {
-        let mut worst = FEASIBILITY;
-        let mut found = None;
-        for (k, row) in rows.coefficients.chunks_exact(rows.width).enumerate() {
-            let value = dot(row, &self.z);
-            let above = (value - rows.upper[k]) * rows.inverse_norms[k];
-            let below = (-value - rows.lower[k]) * rows.inverse_norms[k];
-            if above > worst && skip != Some((k, true)) {
-                worst = above;
-                found = Some((Basic::Row(k, 1.0), value - rows.upper[k]));
-            }
-            if below > worst && skip != Some((k, false)) {
-                worst = below;
-                found = Some((Basic::Row(k, -1.0), -value - rows.lower[k]));
-            }
-        }
-        for (j, &zj) in self.z.iter().enumerate() {
-            if zj.abs() - 1.0 > worst {
-                worst = zj.abs() - 1.0;
-                found = Some((Basic::Box(j, zj.signum()), worst));
+            };
+            let scaled = violation * inverse_norm;
+            if scaled > worst {
+                worst = scaled;
+                found = Some((scaled, basic, violation));
             }
         }
         found
     }
 
-    /// Exchanges the entering row for the one whose multiplier reaches zero first. False when no row can leave,
-    /// which exact arithmetic excludes: the origin is feasible.
-    fn pivot(&mut self, rows: &Rows<'_>, entering: Basic, violation: f64) -> bool {
+    /// Keeps the rows and sides of the box that z violates most.
+    fn look_at_all(&mut self, rows: &Rows<'_>, skip: Option<(usize, bool)>) {
+        let Self { candidates, z, .. } = self;
+        candidates.clear();
+        for (k, row) in rows.coefficients.chunks_exact(rows.width).enumerate() {
+            let value = dot(row, z);
+            let above = (value - rows.upper[k]) * rows.inverse_norms[k];
+            let below = (-value - rows.lower[k]) * rows.inverse_norms[k];
+            if above > FEASIBILITY && skip != Some((k, true)) {
+                candidates.push((above, Basic::Row(k, 1.0)));
+            }
+            if below > FEASIBILITY && skip != Some((k, false)) {
+                candidates.push((below, Basic::Row(k, -1.0)));
+            }
+        }
+        for (j, &zj) in z.iter().enumerate() {
+            if zj.abs() - 1.0 > FEASIBILITY {
+                candidates.push((zj.abs() - 1.0, Basic::Box(j, zj.signum())));
+            }
+        }
+        if candidates.len() > CANDIDATES {
+            candidates.select_nth_unstable_by(CANDIDATES, |a, b| b.0.total_cmp(&a.0));
+            candidates.truncate(CANDIDATES);
+        }
+    }
+
+    /// Exchanges the entering row for one whose multiplier reaches zero first, up to rounding.
+    fn pivot(&mut self, rows: &Rows<'_>, entering: Basic, violation: f64, fresh: bool) -> Pivot {
         let d = rows.width;
         // α = B⁻ᵀ r: the entering row as a combination of the basic ones.
         let mut largest = 0.0_f64;
@@ -217,27 +315,29 @@ impl DualSimplex {
             self.alpha[c] = a;
             largest = largest.max(a.abs());
         }
-        let mut leaving = None;
-        let mut step = f64::INFINITY;
-        for (c, &a) in self.alpha.iter().enumerate() {
-            if a > PIVOT * largest {
-                let ratio = self.y[c] / a;
-                let better = match leaving {
-                    None => true,
-                    Some(l) => ratio < step - TIE || (ratio < step + TIE && a > self.alpha[l]),
-                };
-                if better {
-                    step = ratio;
-                    leaving = Some(c);
-                }
-            }
+        let smallest = PIVOT * largest;
+        let ratios = || {
+            let entries = self.alpha.iter().zip(&self.y).enumerate();
+            entries.filter(|(_, (a, _))| **a > smallest)
+        };
+        let step = ratios()
+            .map(|(_, (a, y))| (y.max(0.0) + HARRIS) / a)
+            .fold(f64::INFINITY, f64::min);
+        let leaving = ratios()
+            .filter(|(_, (a, y))| y.max(0.0) / **a <= step)
+            .max_by(|(_, (a, _)), (_, (b, _))| a.total_cmp(b));
+        let Some((l, _)) = leaving else {
+            return Pivot::None;
+        };
+        if !fresh && self.alpha[l] < DOUBTFUL * largest {
+            return Pivot::Doubtful;
         }
-        let Some(l) = leaving else { return false };
+        let step = self.y[l].max(0.0) / self.alpha[l];
         let pivot = self.alpha[l];
         for (c, y) in self.y.iter_mut().enumerate() {
-            *y = (*y - step * self.alpha[c]).max(0.0);
+            *y -= step * self.alpha[c];
         }
-        self.y[l] = step.max(0.0);
+        self.y[l] = step;
         self.basis[l] = entering;
         let (before, rest) = self.inverse.split_at_mut(l * d);
         let (column, after) = rest.split_at_mut(d);
@@ -256,6 +356,136 @@ impl DualSimplex {
                 }
             }
         }
+        Pivot::Made
+    }
+
+    /// B⁻¹, y and z from the basis itself. False when the basis is singular.
+    fn refresh(&mut self, rows: &Rows<'_>, w: &[f64]) -> bool {
+        let d = rows.width;
+        // Gauss–Jordan with row exchanges on [Bᵀ … I], kept as the rows of B and of (B⁻¹)ᵀ: column c of B⁻¹ is the
+        // solution of B x = e_c.
+        let mut b = vec![0.0; d * d];
+        for (c, basic) in self.basis.iter().enumerate() {
+            match *basic {
+                Basic::Box(j, side) => b[c * d + j] = side,
+                Basic::Row(k, side) => {
+                    for (out, v) in b[c * d..(c + 1) * d].iter_mut().zip(rows.row(k)) {
+                        *out = side * v;
+                    }
+                }
+            }
+        }
+        let Some(inverse) = inverted(&mut b, d) else {
+            return false;
+        };
+        // `inverse` is row-major; the columns are wanted one after the other.
+        for i in 0..d {
+            for c in 0..d {
+                self.inverse[c * d + i] = inverse[i * d + c];
+            }
+        }
+        // Bᵀ y = w and B z = b.
+        self.since_fresh = 0;
+        self.z.iter_mut().for_each(|z| *z = 0.0);
+        for (c, column) in self.inverse.chunks_exact(d).enumerate() {
+            self.y[c] = dot(column, w);
+            let bound = match self.basis[c] {
+                Basic::Box(..) => 1.0,
+                Basic::Row(k, side) if side > 0.0 => rows.upper[k],
+                Basic::Row(k, _) => rows.lower[k],
+            };
+            for (z, v) in self.z.iter_mut().zip(column) {
+                *z += bound * v;
+            }
+        }
         true
+    }
+}
+
+/// The inverse of a row-major matrix of order d by Gauss–Jordan elimination with row exchanges; `None` when singular.
+fn inverted(b: &mut [f64], d: usize) -> Option<Vec<f64>> {
+    let mut inverse = vec![0.0; d * d];
+    for i in 0..d {
+        inverse[i * d + i] = 1.0;
+    }
+    for c in 0..d {
+        let p = (c..d).max_by(|&i, &j| b[i * d + c].abs().total_cmp(&b[j * d + c].abs()))?;
+        let pivot = b[p * d + c];
+        if !(pivot.abs() > 1e-300) {
+            return None;
+        }
+        if p != c {
+            for j in 0..d {
+                b.swap(p * d + j, c * d + j);
+                inverse.swap(p * d + j, c * d + j);
+            }
+        }
+        for j in 0..d {
+            b[c * d + j] /= pivot;
+            inverse[c * d + j] /= pivot;
+        }
+        let (source_b, source_i) = (
+            b[c * d..(c + 1) * d].to_vec(),
+            inverse[c * d..(c + 1) * d].to_vec(),
+        );
+        for i in 0..d {
+            let factor = b[i * d + c];
+            if i != c && factor != 0.0 {
+                for j in 0..d {
+                    b[i * d + j] -= factor * source_b[j];
+                    inverse[i * d + j] -= factor * source_i[j];
+                }
+            }
+        }
+    }
+    Some(inverse)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// max z₀ + z₁ with z₀ + 2 z₁ ≤ 1 and |z| ≤ 1: the vertex (1, 0) of value 1.
+    #[test]
+    fn two_variables_by_hand() {
+        let rows = Rows {
+            width: 2,
+            coefficients: &[1.0, 2.0],
+            upper: &[1.0],
+            lower: &[f64::INFINITY],
+            inverse_norms: &[5.0_f64.sqrt().recip()],
+        };
+        let mut simplex = DualSimplex::default();
+        let clock = Clock::unlimited();
+        let ending = simplex.maximise(&[1.0, 1.0], &rows, 0.0, None, &clock);
+        assert_eq!(ending, Ending::Optimal);
+        assert!((simplex.bound(&rows) - 1.0).abs() < 1e-15);
+        assert!((simplex.point()[0] - 1.0).abs() < 1e-15);
+        assert!(simplex.point()[1].abs() < 1e-15);
+        // The bound is proved early when that is enough.
+        let ending = simplex.maximise(&[1.0, 1.0], &rows, 2.0, None, &clock);
+        assert_eq!(ending, Ending::Below);
+        // Without its row the box decides.
+        simplex.maximise(&[1.0, 1.0], &rows, 0.0, Some((0, true)), &clock);
+        assert_eq!(simplex.bound(&rows), 2.0);
+    }
+
+    #[test]
+    fn a_fresh_inverse_changes_nothing() {
+        let rows = Rows {
+            width: 2,
+            coefficients: &[1.0, 2.0, 3.0, 1.0],
+            upper: &[1.0, 1.0],
+            lower: &[1.0, 1.0],
+            inverse_norms: &[5.0_f64.sqrt().recip(), 10.0_f64.sqrt().recip()],
+        };
+        let mut simplex = DualSimplex::default();
+        let w = [1.0, 1.0];
+        simplex.maximise(&w, &rows, 0.0, None, &Clock::unlimited());
+        let (z, y) = (simplex.z.clone(), simplex.y.clone());
+        assert!(simplex.refresh(&rows, &w));
+        for (a, b) in z.iter().chain(&y).zip(simplex.z.iter().chain(&simplex.y)) {
+            assert!((a - b).abs() < 1e-14);
+        }
     }
 }
