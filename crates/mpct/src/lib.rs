@@ -7,6 +7,7 @@
 //! Data flow one way, and a later stage can only be built from an earlier one:
 //! [`Problem`] → `TerminalIngredients` → `Controller` → closed loop.
 
+pub mod certificate;
 mod clock;
 mod control;
 mod error;

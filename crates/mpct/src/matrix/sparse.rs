@@ -4,6 +4,9 @@ use super::Matrix;
 use crate::error::DesignError;
 use rayon::prelude::*;
 
+/// Columns and values.
+type Row = Vec<(u32, f64)>;
+
 /// Rows of a product that one task computes: enough to pay for its scratch vectors.
 const ROWS_PER_TASK: usize = 256;
 
@@ -261,7 +264,7 @@ impl SparseMatrix {
     ) -> (Self, Vec<f64>) {
         assert_eq!(self.cols, other.rows, "inner dimensions");
         let starts: Vec<usize> = (0..self.rows).step_by(ROWS_PER_TASK).collect();
-        let blocks: Vec<Vec<(Vec<(u32, f64)>, f64)>> = starts
+        let blocks: Vec<Vec<(Row, f64)>> = starts
             .into_par_iter()
             .map(|start| {
                 let mut sum = vec![0.0; other.cols];

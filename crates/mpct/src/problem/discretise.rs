@@ -186,14 +186,14 @@ mod tests {
         let b = Matrix::from_rows(&[[0.0], [1.0]]).into();
         let (ad, bd) = zero_order_hold(&a, &b, 0.5).unwrap();
         assert!((ad.get(0, 1) - 0.5).abs() < 1e-15);
-        assert!((bd.get(0, 0) - 0.125).abs() < 1e-16);
-        assert!((bd.get(1, 0) - 0.5).abs() < 1e-16);
+        assert!((bd.get(0, 0) - 0.125).abs() < 1e-15);
+        assert!((bd.get(1, 0) - 0.5).abs() < 1e-15);
     }
 
     #[test]
     fn sparse_and_full_agree() {
         // A chain of 60 carts, and the same matrices through the full approximant.
-        let n = 60;
+        let n: usize = 60;
         let mut a = Vec::new();
         for i in 0..n {
             a.push((2 * i, 2 * i + 1, 1.0));

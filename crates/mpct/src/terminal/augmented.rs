@@ -201,12 +201,15 @@ fn in_columns_of_z(w: &SparseMatrix, n: usize) -> SparseMatrix {
     )
 }
 
+/// Entries of a row divided by the first, rounded.
+type Direction = Vec<(usize, i64)>;
+
 /// Finds opposite rows: C_j = −ρ C_i and D_j = −ρ D_i with ρ > 0.
 fn pair_up(c: &SparseMatrix, d: &SparseMatrix) -> Vec<Pair> {
     use std::collections::HashMap;
     let p = c.rows();
     // The direction of a row: its entries divided by the first, which rounding must not separate.
-    let key = |i: usize| -> Option<(f64, Vec<(usize, i64)>)> {
+    let key = |i: usize| -> Option<(f64, Direction)> {
         let entries: Vec<(usize, f64)> = c
             .row(i)
             .chain(d.row(i).map(|(j, v)| (j + c.cols(), v)))
@@ -218,7 +221,7 @@ fn pair_up(c: &SparseMatrix, d: &SparseMatrix) -> Vec<Pair> {
             .collect();
         Some((first, direction))
     };
-    let mut open: HashMap<Vec<(usize, i64)>, Vec<(usize, f64)>> = HashMap::new();
+    let mut open: HashMap<Direction, Vec<(usize, f64)>> = HashMap::new();
     let mut pairs: Vec<Pair> = Vec::with_capacity(p / 2 + 1);
     for i in 0..p {
         let Some((first, direction)) = key(i) else {

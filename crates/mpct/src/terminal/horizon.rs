@@ -61,8 +61,10 @@ pub(super) fn search(
 const SCOUTED: usize = 64;
 /// Number of rows asked first.
 const SCOUTS: usize = 16;
-/// Rows searched one after the other by one thread, so that each can start where its neighbours ended.
+/// Rows searched one after the other by one thread, so that each can start where its neighbours ended: at most so
+/// many, and at least so many parts that no thread is idle for long.
 const ROWS_PER_TASK: usize = 32;
+const TASKS: usize = 16;
 /// Rows done between two reports.
 const REPORT: usize = 64;
 
@@ -201,7 +203,7 @@ impl Search<'_> {
         step: usize,
     ) -> Result<Vec<Outcome>, DesignError> {
         let found: Vec<Result<Vec<Outcome>, DesignError>> = open
-            .par_chunks(ROWS_PER_TASK)
+            .par_chunks(open.len().div_ceil(TASKS).clamp(1, ROWS_PER_TASK))
             .map_init(Workspace::default, |ws, chunk| {
                 let mut hints = hints.clone();
                 let mut outcomes = Vec::with_capacity(chunk.len());
@@ -213,7 +215,8 @@ impl Search<'_> {
                         hints.add(profile, at);
                         self.at_least
                             .fetch_max(at.saturating_sub(1), Ordering::Relaxed);
-                        if (1 + self.done.fetch_add(1, Ordering::Relaxed)) % REPORT == 0 {
+                        let done = 1 + self.done.fetch_add(1, Ordering::Relaxed);
+                        if done.is_multiple_of(REPORT) {
                             self.report();
                         }
                     }
@@ -252,7 +255,7 @@ impl Search<'_> {
                 Expected::NotSpent
             };
             match support.is_spent(ws, row.side, next, next, expected)? {
-                Verdict::Spent(_) => {
+                Verdict::Spent => {
                     high = Some(next);
                     // A hint is nearly right: ask just below it, then further and further away.
                     next = next.saturating_sub(stride).max(row.low + 1);
@@ -295,7 +298,7 @@ impl Search<'_> {
                 1,
                 Expected::Spent,
             )? {
-                Verdict::Spent(_) => Ok(None),
+                Verdict::Spent => Ok(None),
                 Verdict::NotSpent(value) => Ok(Some((side, value))),
                 Verdict::Stopped => Err(DesignError::Interrupted {
                     at_least: horizon,

@@ -6,10 +6,13 @@ mod boxes;
 mod explicit_set;
 mod horizon;
 mod program;
+mod proofs;
 mod simplex;
 mod support;
 
 pub use explicit_set::MaximalAdmissibleSet;
+pub(crate) use proofs::Proofs;
+pub(crate) use support::RowId;
 
 use crate::clock::Clock;
 use crate::error::DesignError;
@@ -57,6 +60,9 @@ pub struct Progress {
     pub terminal_horizon_at_least: usize,
 }
 
+/// Told how far a search has come; a `Break` ends it.
+pub type ProgressCallback = dyn Fn(&Progress) -> ControlFlow<()> + Sync;
+
 /// Choices of a design.
 #[derive(Clone, Copy)]
 pub struct DesignOptions<'a> {
@@ -67,7 +73,7 @@ pub struct DesignOptions<'a> {
     /// The search gives up after this time.
     pub time_limit: Option<Duration>,
     /// Called now and then; a `Break` ends the search with [`DesignError::Interrupted`].
-    pub progress: Option<&'a (dyn Fn(&Progress) -> ControlFlow<()> + Sync)>,
+    pub progress: Option<&'a ProgressCallback>,
 }
 
 /// Largest terminal horizon searched unless stated otherwise.

@@ -98,6 +98,8 @@ pub(super) struct Workspace {
     weights: Vec<f64>,
 }
 
+/// A witness with this value ends a program: far enough above 1 to survive rounding.
+const ENOUGH: f64 = 1.0 + 1e-6;
 const ABSENT: u32 = u32::MAX;
 /// Multipliers below this are rounding; their rows are left over like any other residual.
 const SMALLEST_MULTIPLIER: f64 = 1e-13;
@@ -218,7 +220,7 @@ impl<'a> Scene<'a> {
         });
         let ending = ws
             .simplex
-            .maximise(&ws.weights, &rows, 1.0, skip, self.clock);
+            .maximise(&ws.weights, &rows, [1.0, ENOUGH], skip, self.clock);
         let value = if ending == Ending::Below {
             f64::NEG_INFINITY
         } else {
@@ -281,13 +283,13 @@ impl<'a> Scene<'a> {
         let skip = query
             .skip
             .and_then(|(key, side)| Some((ws.keys.iter().position(|&k| k == key)?, side)));
-        let threshold = match expected {
-            Expected::Spent => 1.0 - outside,
-            Expected::NotSpent => 1.0,
+        let thresholds = match expected {
+            Expected::Spent => [1.0 - outside, f64::INFINITY],
+            Expected::NotSpent => [1.0, ENOUGH],
         };
         let ending = ws
             .simplex
-            .maximise(&ws.weights, &rows, threshold, skip, self.clock);
+            .maximise(&ws.weights, &rows, thresholds, skip, self.clock);
         let value = if ending == Ending::Below {
             f64::NEG_INFINITY
         } else {

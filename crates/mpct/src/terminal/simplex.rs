@@ -15,6 +15,7 @@
 //! pricing in chapter 9.
 
 use crate::clock::Clock;
+use crate::linalg::{self, Dense};
 
 /// Rows −l ≤ r·z ≤ u, dense, row-major. An infinite bound is no bound.
 pub(super) struct Rows<'a> {
@@ -41,8 +42,10 @@ impl Rows<'_> {
 pub(super) enum Ending {
     /// z is feasible and optimal.
     Optimal,
-    /// The upper bound fell to the threshold; z need not be feasible.
+    /// The upper bound fell to the lower threshold; z need not be feasible.
     Below,
+    /// z scaled back until it is feasible has a value above the upper threshold.
+    Above,
     /// Neither, within the pivots allowed.
     PivotLimit,
     /// The clock rang.
@@ -91,6 +94,8 @@ pub(super) struct DualSimplex {
     candidates: Vec<(f64, Basic)>,
     /// Violation of the worst candidate when all rows were last looked at.
     worst: f64,
+    /// How far z, when all rows were looked at, was beyond the rows: z/reach is feasible. Infinite after a pivot.
+    reach: f64,
     pivots: usize,
     /// Pivots since the inverse was computed from the basis.
     since_fresh: usize,
@@ -127,26 +132,32 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 }
 
 impl DualSimplex {
-    /// Runs until the optimum is found or proved to be at most `threshold`. `skip` is a row left out.
+    /// Runs until the optimum is found, proved to be at most `thresholds[0]`, or proved to be more than
+    /// `thresholds[1]`. `skip` is a row left out.
     pub(super) fn maximise(
         &mut self,
         w: &[f64],
         rows: &Rows<'_>,
-        threshold: f64,
+        thresholds: [f64; 2],
         skip: Option<(usize, bool)>,
         clock: &Clock,
     ) -> Ending {
         let d = rows.width;
         self.start_at_box(w);
-        let limit = 200 + 20 * d;
+        let limit = 1000 + 40 * d;
         let mut refused = 0;
         loop {
-            if self.bound(rows) <= threshold {
+            let bound = self.bound(rows);
+            if bound <= thresholds[0] {
                 return Ending::Below;
             }
             let Some((entering, violation)) = self.entering(rows, skip) else {
                 return Ending::Optimal;
             };
+            // w·z is the bound, at every basis.
+            if bound > thresholds[1] * self.reach {
+                return Ending::Above;
+            }
             let fresh = self.since_fresh == 0;
             match self.pivot(rows, entering, violation, fresh) {
                 Pivot::Made => {
@@ -172,7 +183,7 @@ impl DualSimplex {
                     }
                 }
             }
-            if self.pivots % CLOCK == 0 && clock.has_stopped() {
+            if self.pivots.is_multiple_of(CLOCK) && clock.has_stopped() {
                 return Ending::Stopped;
             }
         }
@@ -192,11 +203,6 @@ impl DualSimplex {
                 Basic::Row(k, side) if y > 0.0 => Some((k, side > 0.0, y)),
                 _ => None,
             })
-    }
-
-    /// Pivots of the last program.
-    pub(super) fn pivots(&self) -> usize {
-        self.pivots
     }
 
     /// Σ y b, box included: an upper bound of the optimum.
@@ -224,6 +230,7 @@ impl DualSimplex {
         self.alpha.resize(d, 0.0);
         self.candidates.clear();
         self.worst = f64::INFINITY;
+        self.reach = f64::INFINITY;
         self.pivots = 0;
         self.since_fresh = 0;
         for (j, &wj) in w.iter().enumerate() {
@@ -279,20 +286,24 @@ impl DualSimplex {
     /// Keeps the rows and sides of the box that z violates most.
     fn look_at_all(&mut self, rows: &Rows<'_>, skip: Option<(usize, bool)>) {
         let Self { candidates, z, .. } = self;
+        let mut reach = 1.0_f64;
         candidates.clear();
         for (k, row) in rows.coefficients.chunks_exact(rows.width).enumerate() {
             let value = dot(row, z);
             let above = (value - rows.upper[k]) * rows.inverse_norms[k];
             let below = (-value - rows.lower[k]) * rows.inverse_norms[k];
             if above > FEASIBILITY && skip != Some((k, true)) {
+                reach = reach.max(value / rows.upper[k]);
                 candidates.push((above, Basic::Row(k, 1.0)));
             }
             if below > FEASIBILITY && skip != Some((k, false)) {
+                reach = reach.max(-value / rows.lower[k]);
                 candidates.push((below, Basic::Row(k, -1.0)));
             }
         }
         for (j, &zj) in z.iter().enumerate() {
             if zj.abs() - 1.0 > FEASIBILITY {
+                reach = reach.max(zj.abs());
                 candidates.push((zj.abs() - 1.0, Basic::Box(j, zj.signum())));
             }
         }
@@ -300,6 +311,7 @@ impl DualSimplex {
             candidates.select_nth_unstable_by(CANDIDATES, |a, b| b.0.total_cmp(&a.0));
             candidates.truncate(CANDIDATES);
         }
+        self.reach = reach;
     }
 
     /// Exchanges the entering row for one whose multiplier reaches zero first, up to rounding.
@@ -339,6 +351,7 @@ impl DualSimplex {
         }
         self.y[l] = step;
         self.basis[l] = entering;
+        self.reach = f64::INFINITY;
         let (before, rest) = self.inverse.split_at_mut(l * d);
         let (column, after) = rest.split_at_mut(d);
         for v in column.iter_mut() {
@@ -362,26 +375,17 @@ impl DualSimplex {
     /// B⁻¹, y and z from the basis itself. False when the basis is singular.
     fn refresh(&mut self, rows: &Rows<'_>, w: &[f64]) -> bool {
         let d = rows.width;
-        // Gauss–Jordan with row exchanges on [Bᵀ … I], kept as the rows of B and of (B⁻¹)ᵀ: column c of B⁻¹ is the
-        // solution of B x = e_c.
-        let mut b = vec![0.0; d * d];
-        for (c, basic) in self.basis.iter().enumerate() {
-            match *basic {
-                Basic::Box(j, side) => b[c * d + j] = side,
-                Basic::Row(k, side) => {
-                    for (out, v) in b[c * d..(c + 1) * d].iter_mut().zip(rows.row(k)) {
-                        *out = side * v;
-                    }
-                }
-            }
-        }
-        let Some(inverse) = inverted(&mut b, d) else {
+        let b = Dense::from_fn(d, d, |c, j| match self.basis[c] {
+            Basic::Box(k, side) if k == j => side,
+            Basic::Box(..) => 0.0,
+            Basic::Row(k, side) => side * rows.row(k)[j],
+        });
+        let Some(inverse) = linalg::inverse(&b) else {
             return false;
         };
-        // `inverse` is row-major; the columns are wanted one after the other.
-        for i in 0..d {
-            for c in 0..d {
-                self.inverse[c * d + i] = inverse[i * d + c];
+        for (c, column) in self.inverse.chunks_exact_mut(d).enumerate() {
+            for (i, v) in column.iter_mut().enumerate() {
+                *v = inverse[(i, c)];
             }
         }
         // Bᵀ y = w and B z = b.
@@ -402,45 +406,6 @@ impl DualSimplex {
     }
 }
 
-/// The inverse of a row-major matrix of order d by Gauss–Jordan elimination with row exchanges; `None` when singular.
-fn inverted(b: &mut [f64], d: usize) -> Option<Vec<f64>> {
-    let mut inverse = vec![0.0; d * d];
-    for i in 0..d {
-        inverse[i * d + i] = 1.0;
-    }
-    for c in 0..d {
-        let p = (c..d).max_by(|&i, &j| b[i * d + c].abs().total_cmp(&b[j * d + c].abs()))?;
-        let pivot = b[p * d + c];
-        if !(pivot.abs() > 1e-300) {
-            return None;
-        }
-        if p != c {
-            for j in 0..d {
-                b.swap(p * d + j, c * d + j);
-                inverse.swap(p * d + j, c * d + j);
-            }
-        }
-        for j in 0..d {
-            b[c * d + j] /= pivot;
-            inverse[c * d + j] /= pivot;
-        }
-        let (source_b, source_i) = (
-            b[c * d..(c + 1) * d].to_vec(),
-            inverse[c * d..(c + 1) * d].to_vec(),
-        );
-        for i in 0..d {
-            let factor = b[i * d + c];
-            if i != c && factor != 0.0 {
-                for j in 0..d {
-                    b[i * d + j] -= factor * source_b[j];
-                    inverse[i * d + j] -= factor * source_i[j];
-                }
-            }
-        }
-    }
-    Some(inverse)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -457,16 +422,22 @@ mod tests {
         };
         let mut simplex = DualSimplex::default();
         let clock = Clock::unlimited();
-        let ending = simplex.maximise(&[1.0, 1.0], &rows, 0.0, None, &clock);
+        let ending = simplex.maximise(&[1.0, 1.0], &rows, [0.0, f64::INFINITY], None, &clock);
         assert_eq!(ending, Ending::Optimal);
         assert!((simplex.bound(&rows) - 1.0).abs() < 1e-15);
         assert!((simplex.point()[0] - 1.0).abs() < 1e-15);
         assert!(simplex.point()[1].abs() < 1e-15);
         // The bound is proved early when that is enough.
-        let ending = simplex.maximise(&[1.0, 1.0], &rows, 2.0, None, &clock);
+        let ending = simplex.maximise(&[1.0, 1.0], &rows, [2.0, f64::INFINITY], None, &clock);
         assert_eq!(ending, Ending::Below);
         // Without its row the box decides.
-        simplex.maximise(&[1.0, 1.0], &rows, 0.0, Some((0, true)), &clock);
+        simplex.maximise(
+            &[1.0, 1.0],
+            &rows,
+            [0.0, f64::INFINITY],
+            Some((0, true)),
+            &clock,
+        );
         assert_eq!(simplex.bound(&rows), 2.0);
     }
 
@@ -481,7 +452,7 @@ mod tests {
         };
         let mut simplex = DualSimplex::default();
         let w = [1.0, 1.0];
-        simplex.maximise(&w, &rows, 0.0, None, &Clock::unlimited());
+        simplex.maximise(&w, &rows, [0.0, f64::INFINITY], None, &Clock::unlimited());
         let (z, y) = (simplex.z.clone(), simplex.y.clone());
         assert!(simplex.refresh(&rows, &w));
         for (a, b) in z.iter().chain(&y).zip(simplex.z.iter().chain(&simplex.y)) {

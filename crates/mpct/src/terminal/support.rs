@@ -52,8 +52,8 @@ pub(crate) enum RowId {
 /// The answer.
 #[derive(Clone, Debug)]
 pub(super) enum Verdict {
-    /// With an upper bound of the support, relative to the row's bound.
-    Spent(f64),
+    /// An upper bound of the support is at most the row's bound.
+    Spent,
     /// With the value of the row at a witness, relative to the row's bound.
     NotSpent(f64),
     /// The clock rang first.
@@ -191,7 +191,7 @@ impl<'a> Support<'a> {
         };
         let bound = if upper { u } else { l };
         let verdict = self.decide(ws, key, upper, bound, &query)?;
-        Ok(!matches!(verdict, Verdict::Spent(_)))
+        Ok(!matches!(verdict, Verdict::Spent))
     }
 
     /// Decides whether the side of a row is at most `bound` over the rows of the query.
@@ -217,7 +217,7 @@ impl<'a> Support<'a> {
         let total: f64 = ws.objective.iter().map(|e| e.1.abs()).sum();
         if total == 0.0 || (total + lost <= 1.0 && scene.bank.valid.iter().all(|&v| v)) {
             ws.multipliers.clear();
-            return Ok(Verdict::Spent(total));
+            return Ok(Verdict::Spent);
         }
         if self.local
             && self.failures.load(Ordering::Relaxed) < FAILURES
@@ -352,7 +352,7 @@ fn judged(answer: &Answer, lost: f64) -> Option<Verdict> {
         Some(Verdict::Stopped)
     } else if answer.artificial <= SPENT_TOLERANCE && answer.support + lost <= 1.0 + SPENT_TOLERANCE
     {
-        Some(Verdict::Spent(answer.support + lost))
+        Some(Verdict::Spent)
     } else if answer.value - lost > 1.0 + SPENT_TOLERANCE {
         Some(Verdict::NotSpent(answer.value))
     } else {
