@@ -31,6 +31,7 @@ mod rows;
 #[cfg(test)]
 mod tests;
 mod verify;
+mod widths;
 
 pub use verify::{Verified, VerifyError, VerifyOptions, verify};
 

@@ -3,6 +3,7 @@
 use super::document::{Document, FORMAT, Multiplier};
 use super::interval::{Accumulator, Interval, add_up, mul_up};
 use super::rows::{StepRow, System};
+use super::widths::{WidthRow, Widths};
 use super::{digest, lyapunov};
 use rayon::prelude::*;
 use std::fmt;
@@ -39,9 +40,6 @@ impl VerifyError {
 /// A row of a support may exceed its bound by this, relatively, to count as spent "to a tolerance": the tolerance of
 /// the search, and the rounding of the check.
 const TOLERANCE: f64 = 2e-9;
-/// Residuals of the proofs of the box above this are no rounding.
-const BOX_RESIDUAL: f64 = 1e-3;
-
 /// What was proved.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Verified {
@@ -175,10 +173,21 @@ struct Checker {
     along: Vec<Vec<StepRow>>,
 }
 
-/// A bound on a linear form: the form is at most `value` plus `left_over`, of which the box takes the second.
+/// A bound on a linear form: at most `value` plus `slack` plus what the box allows of `rest`.
 struct Implied {
     value: f64,
-    left_over: f64,
+    slack: f64,
+    rest: Vec<(usize, Interval)>,
+}
+
+impl Implied {
+    fn bound(&self, beta: &[f64]) -> f64 {
+        let of_rest =
+            |s: f64, &(j, v): &(usize, Interval)| add_up(s, mul_up(v.magnitude(), beta[j]));
+        self.rest
+            .iter()
+            .fold(add_up(self.value, self.slack), of_rest)
+    }
 }
 
 impl Checker {
@@ -193,11 +202,12 @@ impl Checker {
         }
         let count = system.rows.len();
         let at_zero: Vec<Vec<StepRow>> = (0..count).map(|i| system.along(i, 0, &beta)).collect();
-        // κ = max |z_l|/β_l obeys κ ≤ value + left_over κ, and is finite because the rows span every coordinate.
-        let (mut value, mut left_over) = (0.0_f64, 0.0_f64);
+        let mut widths = Widths::default();
         let mut sum = Accumulator::new(d);
         for (l, proof) in boxes.iter().enumerate() {
+            let mut row = WidthRow::default();
             for (sign, multipliers) in [(1.0, &proof.upper), (-1.0, &proof.lower)] {
+                // sign/β_l is rounded, which the slack takes.
                 let form = [(l, Interval::exact(sign / beta[l]))];
                 let room = Interval::exact(1.0);
                 let implied = implied(
@@ -210,22 +220,18 @@ impl Checker {
                     multipliers,
                     0,
                 )?;
-                value = value.max(implied.value);
-                // sign/β itself is rounded.
-                left_over = left_over.max(add_up(implied.left_over, 2.0 * f64::EPSILON));
+                let weighed = |&(j, v): &(usize, Interval)| (j, mul_up(v.magnitude(), beta[j]));
+                let left_over = implied.rest.iter().map(weighed).collect();
+                let slack = add_up(implied.slack, 2.0 * f64::EPSILON);
+                row.join(implied.value, slack, left_over);
             }
+            widths.rows.push(row);
         }
-        if !(left_over < BOX_RESIDUAL) {
-            return Err(VerifyError::refused(format!(
-                "a coordinate is not proved to lie in the box: {left_over:.3e} of it is left over"
-            )));
-        }
-        let widening = (value / (1.0 - left_over).next_down()).next_up();
-        if !(widening.is_finite()) {
-            return Err(VerifyError::refused("the box is not proved"));
-        }
-        for b in &mut beta {
-            *b = mul_up(*b, widening);
+        let widening = widths.solve().ok_or_else(|| {
+            VerifyError::refused("the coordinates are not proved to lie in the box")
+        })?;
+        for (b, w) in beta.iter_mut().zip(widening) {
+            *b = mul_up(*b, w);
         }
         let last = document.claim.terminal_horizon + 1;
         // A horizon that the proofs do not reach must not cost time.
@@ -319,7 +325,7 @@ impl Checker {
                         &p.multipliers,
                         p.step - 1,
                     )?;
-                    let bound = add_up(add_up(implied.value, implied.left_over), at.slack);
+                    let bound = add_up(implied.bound(&self.beta), at.slack);
                     let support = (bound / room.lo).next_up();
                     if support <= 1.0 + TOLERANCE {
                         Ok(support)
@@ -475,8 +481,9 @@ fn implied(
         value = add_up(value, mul_up(factor, bound));
         slack = add_up(slack, mul_up(factor, error));
     }
-    let left_over = sum.take().iter().fold(slack, |s, &(j, v)| {
-        add_up(s, mul_up(v.magnitude(), beta[j]))
-    });
-    Ok(Implied { value, left_over })
+    Ok(Implied {
+        value,
+        slack,
+        rest: sum.take(),
+    })
 }

@@ -102,9 +102,20 @@ impl Augmented {
         self.states + self.parameters
     }
 
-    /// Rows from here on drop what the box |z_l| ≤ β_l makes negligible.
+    /// Another λ. Rows that are already there stay as they are: they do not depend on it.
+    pub(super) fn scale_to(&mut self, scaling: f64) {
+        self.scaling = scaling;
+    }
+
+    /// Rows from here on drop what the box |z_l| ≤ β_l makes negligible. A box that is known stays when it is wider.
     pub(super) fn drop_within(&mut self, beta: &[f64]) {
-        self.beta = beta.to_vec();
+        if self.beta.is_empty() {
+            self.beta = beta.to_vec();
+        } else {
+            for (old, new) in self.beta.iter_mut().zip(beta) {
+                *old = old.max(*new);
+            }
+        }
     }
 
     /// Makes the rows of steps 0, …, `step` available.

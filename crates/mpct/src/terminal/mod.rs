@@ -9,6 +9,8 @@ mod program;
 mod proofs;
 mod simplex;
 mod support;
+#[cfg(test)]
+mod tests;
 
 pub use explicit_set::MaximalAdmissibleSet;
 pub(crate) use proofs::Proofs;
@@ -139,6 +141,54 @@ impl TerminalIngredients {
     /// [`DesignError::NotStabilizable`], [`DesignError::NotSchur`], [`DesignError::Unbounded`],
     /// [`DesignError::HorizonNotDetermined`], [`DesignError::Interrupted`], [`DesignError::Solver`].
     pub fn design(problem: &Problem, options: &DesignOptions<'_>) -> Result<Self, DesignError> {
+        let clock = Clock::start(options.time_limit);
+        let law = lqr::terminal_law(problem, &clock)?;
+        let steady_states = SteadyStates::of(problem)?;
+        let mut system = Augmented::new(problem, &law.gain, &law.closed_loop, &steady_states);
+        Self::search(problem, law, steady_states, &mut system, options, &clock)
+    }
+
+    /// The same for several scalings λ, in their order. K, P, M_θ and the rows along the terminal law are computed
+    /// once; the time limit holds for each scaling.
+    ///
+    /// # Errors
+    /// As [`design`](Self::design) for everything that does not depend on λ; what fails for one λ fails in its place.
+    pub fn design_all(
+        problem: &Problem,
+        scalings: &[f64],
+        options: &DesignOptions<'_>,
+    ) -> Result<Vec<Result<Self, DesignError>>, DesignError> {
+        let law = lqr::terminal_law(problem, &Clock::start(options.time_limit))?;
+        let steady_states = SteadyStates::of(problem)?;
+        let mut system = Augmented::new(problem, &law.gain, &law.closed_loop, &steady_states);
+        // The largest λ first: its box is the widest, and what it drops from a row is negligible for the others too.
+        let mut order: Vec<usize> = (0..scalings.len()).collect();
+        order.sort_by(|&i, &j| scalings[j].total_cmp(&scalings[i]));
+        let mut designs: Vec<Option<Result<Self, DesignError>>> = vec![None; scalings.len()];
+        for i in order {
+            let clock = Clock::start(options.time_limit);
+            let one = problem
+                .clone()
+                .with_scaling(scalings[i])
+                .and_then(|problem| {
+                    system.scale_to(problem.scaling());
+                    let (law, steady_states) = (law.clone(), steady_states.clone());
+                    Self::search(&problem, law, steady_states, &mut system, options, &clock)
+                });
+            designs[i] = Some(one);
+        }
+        Ok(designs.into_iter().flatten().collect())
+    }
+
+    /// The horizon, when everything else is known.
+    fn search(
+        problem: &Problem,
+        law: Law,
+        steady_states: SteadyStates,
+        system: &mut Augmented,
+        options: &DesignOptions<'_>,
+        clock: &Clock,
+    ) -> Result<Self, DesignError> {
         if options.max_horizon == 0 {
             return Err(DesignError::OutOfRange {
                 what: "max_horizon".into(),
@@ -146,12 +196,8 @@ impl TerminalIngredients {
                 found: "0".into(),
             });
         }
-        let clock = Clock::start(options.time_limit);
-        let law = lqr::terminal_law(problem, &clock)?;
-        let steady_states = SteadyStates::of(problem)?;
-        let mut system = Augmented::new(problem, &law.gain, &law.closed_loop, &steady_states);
-        let mut bank = within_a_box(&mut system, Room::AsIs, &clock)?;
-        let found = horizon::search(problem, &mut system, &mut bank, options, &clock)?;
+        let mut bank = within_a_box(system, Room::AsIs, clock)?;
+        let found = horizon::search(problem, system, &mut bank, options, clock)?;
         let mut spent = vec![1; problem.rows().len()];
         for (pair, at) in system.pairs.iter().zip(&found.spent) {
             spent[pair.upper] = at[0];

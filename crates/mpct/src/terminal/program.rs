@@ -218,9 +218,15 @@ impl<'a> Scene<'a> {
             let k = block.keys[..count].binary_search(&key).ok()?;
             Some((k, side))
         });
+        // A bound that rests on a box that proves nothing is none: go on until the multipliers have left it.
+        let below = if self.bank.valid.iter().all(|&v| v) {
+            1.0
+        } else {
+            f64::NEG_INFINITY
+        };
         let ending = ws
             .simplex
-            .maximise(&ws.weights, &rows, [1.0, ENOUGH], skip, self.clock);
+            .maximise(&ws.weights, &rows, [below, ENOUGH], skip, self.clock);
         let value = if ending == Ending::Below {
             f64::NEG_INFINITY
         } else {

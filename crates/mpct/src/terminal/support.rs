@@ -19,6 +19,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// A support up to 1 + this counts as at most 1. The terminal horizons of the paper's cases do not change for any
 /// tolerance between 0 and 1e-6; without it, rows whose support is exactly 1 would never be spent.
 pub(super) const SPENT_TOLERANCE: f64 = 1e-9;
+/// Most that may be left to a box that proves nothing. It is 1e7 times as wide as the set, so that rounding leaves
+/// 1e-9 of it, which is 1e-16 of the set.
+const ARTIFICIAL_TOLERANCE: f64 = 1e-7;
 /// Below this many variables the whole program is solved at once.
 const WHOLE: usize = 20;
 /// Share of the objective left out of the first choice of variables, before anything is known.
@@ -350,7 +353,8 @@ impl<'a> Support<'a> {
 fn judged(answer: &Answer, lost: f64) -> Option<Verdict> {
     if answer.stopped {
         Some(Verdict::Stopped)
-    } else if answer.artificial <= SPENT_TOLERANCE && answer.support + lost <= 1.0 + SPENT_TOLERANCE
+    } else if answer.artificial <= ARTIFICIAL_TOLERANCE
+        && answer.support + lost <= 1.0 + SPENT_TOLERANCE
     {
         Some(Verdict::Spent)
     } else if answer.value - lost > 1.0 + SPENT_TOLERANCE {
