@@ -80,7 +80,7 @@ fn steps(slow: bool) -> Vec<Step> {
             4,
             Step::new(
                 "slow tests",
-                &["test", "--workspace", "--", "--ignored", "slow"],
+                &["test", "--workspace", "--all-targets", "--", "--ignored"],
             ),
         );
     }
