@@ -7,6 +7,7 @@
 //! Data flow one way, and a later stage can only be built from an earlier one:
 //! [`Problem`] → `TerminalIngredients` → `Controller` → closed loop.
 
+pub mod analysis;
 pub mod cases;
 mod control;
 mod error;

@@ -1,9 +1,11 @@
 //! The controller behind one door: `step(x, set_point) -> u`.
 
 use super::online::{Limits, OnlineSolver, Program};
-use super::prediction::condense;
+use super::prediction::{RowOrigin, condense};
 use super::set_point::{Equilibria, SetPoint, weighted_square};
+use crate::analysis::ProgramRow;
 use crate::error::{DesignError, StepError};
+use crate::linalg::Dense;
 use crate::matrix::Matrix;
 use crate::optimization::Failure;
 use crate::problem::{Formulation, Task};
@@ -99,6 +101,8 @@ pub struct CondensedQp {
 pub struct Controller {
     ingredients: TerminalIngredients,
     solver: OnlineSolver,
+    /// Where each row of the program comes from.
+    origin: Vec<RowOrigin>,
     limits: Limits,
     /// Finds the closest admissible equilibrium, to say whether a set-point is admissible.
     equilibria: Option<Equilibria>,
@@ -153,6 +157,7 @@ impl Controller {
         Ok(Self {
             solver: OnlineSolver::new(program, inputs, stages)?,
             ingredients,
+            origin: condensed.origin,
             limits: Limits::default(),
             equilibria,
             known: None,
@@ -240,6 +245,31 @@ impl Controller {
             rows: crate::linalg::to_matrix(&self.solver.program().rows),
             bounds,
         })
+    }
+
+    /// W and G of the program's rows W x + G z ≤ 1, in shifted coordinates.
+    pub(crate) fn program_rows(&self) -> (&Dense, &Dense) {
+        let program = self.solver.program();
+        (&program.state_rows, &program.rows)
+    }
+
+    /// What each of them comes from.
+    pub(crate) fn program_row_names(&self) -> Vec<ProgramRow> {
+        let problem = self.ingredients.problem();
+        let horizon = problem.prediction_horizon();
+        let source = &problem.rows().source;
+        let named = |row: usize, step| ProgramRow {
+            source: source[row],
+            step,
+        };
+        self.origin
+            .iter()
+            .map(|origin| match *origin {
+                RowOrigin::Stage { row, step } => named(row, Some(step)),
+                RowOrigin::Terminal { row, step } => named(row, Some(horizon + step)),
+                RowOrigin::Equilibrium { row } => named(row, None),
+            })
+            .collect()
     }
 
     /// Checked and shifted state and set-point (state, input).

@@ -1,0 +1,5 @@
+//! Every answer of `mpct::analysis` against an independent oracle.
+
+mod cases;
+mod domain;
+mod oracle;
