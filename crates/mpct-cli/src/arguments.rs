@@ -124,6 +124,8 @@ pub struct Simulate {
 pub enum Formulation {
     Implicit,
     Explicit,
+    #[value(name = "no_terminal_constraint", alias = "no-terminal-constraint")]
+    NoTerminalConstraint,
 }
 
 impl From<Formulation> for mpct::Formulation {
@@ -131,6 +133,7 @@ impl From<Formulation> for mpct::Formulation {
         match f {
             Formulation::Implicit => Self::Implicit,
             Formulation::Explicit => Self::Explicit,
+            Formulation::NoTerminalConstraint => Self::NoTerminalConstraint,
         }
     }
 }

@@ -1,9 +1,17 @@
 //! What an engineer wants to know about a design, each answer with its proof or its margin.
 
+mod alpha;
 mod domain;
+mod performance;
 mod polygon;
 mod program;
+mod scaling;
+mod stability_region;
 
+pub use alpha::{AlphaBounds, AlphaScope};
 pub use domain::{DomainOfAttraction, MEMBERSHIP, Membership, OUTLINE, Reach};
+pub use performance::{ComparedFigure, ConstraintMargin, Performance, SETTLED, Settling, compare};
 pub use polygon::Polygon;
 pub use program::ProgramRow;
+pub use scaling::{SMALLEST_SCALING, ScalingAdvice, ScalingNeed, scaling_advice, scaling_need};
+pub use stability_region::{Attraction, CURVED_OUTLINE, StabilityRegion};

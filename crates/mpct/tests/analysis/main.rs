@@ -2,4 +2,7 @@
 
 mod cases;
 mod domain;
+mod no_terminal_constraint;
 mod oracle;
+mod service;
+mod terminal_cost;
