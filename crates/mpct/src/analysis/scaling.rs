@@ -61,7 +61,7 @@ pub struct ScalingAdvice {
 impl ScalingNeed {
     /// Whether some λ < 1 admits the set-point.
     pub fn is_attainable(&self) -> bool {
-        self.equilibrium && self.needed < 1.0
+        self.equilibrium && self.needed < 1.0 - LIMITING
     }
 }
 
@@ -175,12 +175,15 @@ fn nearest_equilibrium(
         linalg::dense(steady.state_basis()),
         linalg::dense(steady.input_basis()),
     );
-    // ‖L_Oᵀ (M_θx θ − x_r)‖ over θ, by singular values; a stated input counts with the weight R, which changes nothing
-    // where the set-point is an equilibrium.
+    // ‖L_Oᵀ (M_θx θ − x_r)‖ over θ, by singular values. As in the offset cost, a stated input counts when O_input is
+    // stated; here with the weight R, which changes nothing where the set-point is an equilibrium.
     let l = linalg::cholesky("weights.O", &linalg::dense(problem.offset_weight()))?;
     let mut map = l.transpose() * &mx;
     let mut right = l.transpose() * &xr;
-    if let Some(u) = &set_point.input {
+    if let (Some(u), true) = (
+        &set_point.input,
+        problem.offset_input_weight().nonzeros() > 0,
+    ) {
         let lr = linalg::cholesky("weights.R", &linalg::dense(problem.input_weight()))?;
         let (mu, ur) = (
             lr.transpose() * &mu,
