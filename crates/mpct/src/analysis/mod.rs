@@ -5,8 +5,10 @@ mod domain;
 mod performance;
 mod polygon;
 mod program;
+pub mod reproduce;
 mod scaling;
 mod stability_region;
+mod terminal_set;
 
 pub use alpha::{AlphaBounds, AlphaScope};
 pub use domain::{DomainOfAttraction, MEMBERSHIP, Membership, OUTLINE, Reach};
@@ -15,3 +17,4 @@ pub use polygon::Polygon;
 pub use program::ProgramRow;
 pub use scaling::{SMALLEST_SCALING, ScalingAdvice, ScalingNeed, scaling_advice, scaling_need};
 pub use stability_region::{Attraction, CURVED_OUTLINE, StabilityRegion};
+pub use terminal_set::terminal_set;

@@ -4,5 +4,6 @@ mod cases;
 mod domain;
 mod no_terminal_constraint;
 mod oracle;
+mod reproduction;
 mod service;
 mod terminal_cost;

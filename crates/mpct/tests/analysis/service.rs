@@ -62,16 +62,22 @@ fn among_inputs_that_hold_one_state_the_least_demanding_counts() {
     let problem = Problem::new(plant, constraints, Weights::new(1.0, 1.0, 100.0)).expect("problem");
     let need = scaling_need(&problem, &SetPoint::state([3.0])).expect("need");
     assert!((need.needed - 0.75).abs() < 1e-7, "{need:?}");
-    // A stated input binds when it is weighted: u = (1, 0.5) needs λ = 1.
+    // A stated input binds when O_input weighs it: u = (1, 0.5) needs λ = 1.
     let stated = SetPoint {
         state: vec![3.0],
         input: Some(vec![1.0, 0.5]),
     };
     let need = scaling_need(&problem, &stated).expect("need");
+    assert!((need.needed - 0.75).abs() < 1e-7, "{need:?}");
+    let weights = Weights::new(1.0, 1.0, 100.0).with_offset_input(3.0);
+    let (plant, constraints) = (problem.plant().clone(), problem.constraints().clone());
+    let weighted = Problem::new(plant, constraints, weights).expect("problem");
+    let need = scaling_need(&weighted, &stated).expect("need");
     assert!(
-        (need.needed - 1.0).abs() < 1e-9 && need.equilibrium && !need.is_attainable(),
+        (need.needed - 1.0).abs() < 1e-9 && need.equilibrium,
         "{need:?}"
     );
+    assert!(!need.is_attainable());
 }
 
 #[test]
