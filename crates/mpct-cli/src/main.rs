@@ -18,6 +18,9 @@ fn main() -> ExitCode {
         Command::Design(a) => commands::design::run(&a),
         Command::Simulate(a) => commands::simulate::run(&a),
         Command::Sweep(a) => commands::sweep::run(&a),
+        Command::Scaling(a) => commands::scaling::run(&a),
+        Command::Compare(a) => commands::compare::run(&a),
+        Command::Reproduce(a) => commands::reproduce::run(&a),
         Command::Example(a) => commands::example::run(&a),
     };
     match result {

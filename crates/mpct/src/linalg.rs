@@ -69,6 +69,15 @@ pub(crate) fn smallest_symmetric_eigenvalue(
     Ok(values.into_iter().fold(f64::INFINITY, f64::min))
 }
 
+/// Symmetric eigendecomposition: eigenvalues ascending, eigenvectors in columns.
+pub(crate) fn symmetric_eigen(what: &str, m: &Dense) -> Result<(Vec<f64>, Dense), DesignError> {
+    let eigen = m
+        .self_adjoint_eigen(Side::Lower)
+        .map_err(|e| solver(what, format!("eigenvalues: {e:?}")))?;
+    let values = eigen.S().column_vector().iter().copied().collect();
+    Ok((values, eigen.U().to_owned()))
+}
+
 /// Eigenvalues of a square matrix, as (re, im).
 pub(crate) fn eigenvalues(what: &str, m: &Dense) -> Result<Vec<(f64, f64)>, DesignError> {
     let values = m

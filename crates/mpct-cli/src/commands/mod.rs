@@ -1,8 +1,11 @@
 //! One file a subcommand.
 
 pub mod check;
+pub mod compare;
 pub mod design;
 pub mod example;
+pub mod reproduce;
+pub mod scaling;
 pub mod simulate;
 pub mod sweep;
 

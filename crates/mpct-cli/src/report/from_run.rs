@@ -37,6 +37,7 @@ impl ReportData {
             formulation: match problem.formulation() {
                 Formulation::Implicit => "implicit",
                 Formulation::Explicit => "explicit",
+                Formulation::NoTerminalConstraint => "without terminal constraint",
             }
             .into(),
             prediction_horizon: problem.prediction_horizon(),

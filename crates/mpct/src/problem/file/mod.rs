@@ -27,7 +27,10 @@ mod writer;
 
 pub use error::FileError;
 
-use super::{Constraints, Formulation, Labels, Plant, Problem, Task, Weights};
+use super::{
+    Constraints, Formulation, Labels, NoTerminalConstraint, Plant, Problem, Task, TerminalCost,
+    Weights,
+};
 use crate::control::SetPoint;
 use crate::matrix::{Matrix, SparseMatrix};
 use crate::simulation::{Disturbance, ScheduledSetPoint, Simulation};
@@ -219,6 +222,10 @@ fn problem(root: &Section<'_>) -> Result<Problem, FileError> {
     section.only(&[
         "task",
         "formulation",
+        "horizon_extension",
+        "gamma",
+        "alpha",
+        "terminal_cost",
         "prediction_horizon",
         "scaling",
         "gain",
@@ -233,9 +240,39 @@ fn problem(root: &Section<'_>) -> Result<Problem, FileError> {
     let formulations = [
         ("implicit", Formulation::Implicit),
         ("explicit", Formulation::Explicit),
+        ("no_terminal_constraint", Formulation::NoTerminalConstraint),
     ];
     if let Some(formulation) = section.choice("formulation", &formulations)? {
         problem = problem.with_formulation(formulation);
+    }
+    let section_3_5 = [
+        section.whole("horizon_extension")?.map(|v| v as f64),
+        section.number("gamma")?,
+        section.number("alpha")?,
+    ];
+    if problem.formulation() == Formulation::NoTerminalConstraint {
+        let steps = section.need_whole(
+            "horizon_extension",
+            "the steps of the terminal law after the prediction horizon, fewer than the terminal horizon",
+        )?;
+        let mut choices = NoTerminalConstraint::new(steps, section_3_5[1].unwrap_or(1.0))?;
+        if let Some(alpha) = section_3_5[2] {
+            choices = choices.with_alpha(alpha)?;
+        }
+        problem = problem.with_no_terminal_constraint(choices);
+    } else if let Some(k) = section_3_5.iter().position(Option::is_some) {
+        return Err(FileError::WrongType {
+            key: section.key(["horizon_extension", "gamma", "alpha"][k]),
+            expected: "formulation = \"no_terminal_constraint\" beside it".into(),
+            found: "another formulation".into(),
+        });
+    }
+    let costs = [
+        ("exact", TerminalCost::Exact),
+        ("implicit", TerminalCost::Implicit),
+    ];
+    if let Some(cost) = section.choice("terminal_cost", &costs)? {
+        problem = problem.with_terminal_cost(cost);
     }
     if let Some(steps) = section.whole("prediction_horizon")? {
         problem = problem.with_prediction_horizon(steps)?;
