@@ -21,7 +21,7 @@ use thiserror::Error;
 pub enum Extent {
     /// Seconds: three carts, three scalings of the drone, short runs of it.
     Short,
-    /// Minutes: up to 50 carts, explicit sets up to 10 carts, closed loops of carts for a few seconds each.
+    /// Minutes: up to 50 carts, explicit sets up to 15 carts, closed loops of carts for a few seconds each.
     Standard,
     /// Everything, up to 200 carts.
     Full,
