@@ -6,7 +6,7 @@ use mpct::analysis::reproduce::{FigurePoint, Reproduction};
 use std::fmt::Write;
 
 const STYLE: &str = "body{font:15px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;color:#111;background:#fff}\
-table{border-collapse:collapse;margin:1rem 0}th,td{padding:.2rem .7rem;text-align:right;border-bottom:1px solid #ccc}\
+.wide{overflow-x:auto}table{border-collapse:collapse;margin:1rem 0}th,td{padding:.2rem .45rem;text-align:right;white-space:nowrap;border-bottom:1px solid #ccc}\
 th{border-bottom:2px solid #333}figure{margin:1.5rem 0}figcaption,.note{color:#333;max-width:48rem}.printed{color:#666}\
 svg{width:100%;max-width:44rem;height:auto}svg text{font:13px system-ui,sans-serif;fill:#111}";
 
@@ -26,6 +26,7 @@ implicit invariant sets</i>, Automatica 179 (2025). Printed numbers are in grey.
         "x2",
         &all(&[&one.domain, &one.tracking_set], &one.run),
     );
+    plane.forbidden_beyond(3.0);
     plane.polygon("domain of attraction", &one.domain.vertices, Stroke::Dotted);
     plane.polygon(
         "terminal set for tracking, projected",
@@ -53,6 +54,7 @@ implicit invariant sets</i>, Automatica 179 (2025). Printed numbers are in grey.
     );
     let two = &r.figure_2;
     let mut plane = Plane::new("x1", "x2", &all(&[&two.region, &two.tracking_set], &[]));
+    plane.forbidden_beyond(3.0);
     plane.polygon("stability region", &two.region.vertices, Stroke::Solid);
     plane.polygon(
         "terminal set for tracking, projected",
@@ -192,7 +194,7 @@ fn table_1(out: &mut String, r: &Reproduction) {
 }
 
 fn table_2(out: &mut String, r: &Reproduction) {
-    out.push_str("<h2>Table 2</h2><p>Seconds.</p><table><tr><th>carts<th>terminal horizon<th>variables<th>rows implicit<th>explicit<th>offline implicit<th class=printed>printed<th>offline explicit<th class=printed>printed<th>online implicit<th class=printed>printed<th>online explicit<th class=printed>printed<th>steps timed");
+    out.push_str("<h2>Table 2</h2><p>Seconds.</p><div class=wide><table><tr><th>carts<th>terminal horizon<th>variables<th>rows implicit<th>explicit<th>offline implicit<th class=printed>printed<th>offline explicit<th class=printed>printed<th>online implicit<th class=printed>printed<th>online explicit<th class=printed>printed<th>steps timed");
     let cell = |v: Option<f64>| v.map_or("&ndash;".into(), |v| format!("{v:.3e}"));
     for l in &r.table_2 {
         let _ = write!(
@@ -214,6 +216,6 @@ fn table_2(out: &mut String, r: &Reproduction) {
             l.steps
         );
     }
-    out.push_str("</table>");
+    out.push_str("</table></div>");
     out.push_str(&choice(r, "Table 2"));
 }

@@ -109,6 +109,34 @@ impl Plane {
         self.body = out;
     }
 
+    /// Shades what lies beyond −limit ≤ x, y ≤ limit.
+    pub fn forbidden_beyond(&mut self, limit: f64) {
+        let frame = [
+            (self.x.0, self.y.0),
+            (self.x.1, self.y.0),
+            (self.x.1, self.y.1),
+            (self.x.0, self.y.1),
+        ];
+        let inner = [
+            (-limit, -limit),
+            (-limit, limit),
+            (limit, limit),
+            (limit, -limit),
+        ];
+        let mut d = String::new();
+        for ring in [frame, inner] {
+            for (k, p) in ring.into_iter().enumerate() {
+                let (x, y) = self.place(p);
+                let _ = write!(d, "{}{x:.1} {y:.1}", if k == 0 { "M" } else { "L" });
+            }
+            d.push('Z');
+        }
+        let look = "fill=\"#000\" fill-opacity=\"0.12\" fill-rule=\"evenodd\"";
+        let _ = write!(self.body, "<path d=\"{d}\" {look}/>");
+        let sample = format!("<rect y=\"-6\" width=\"34\" height=\"12\" {look}/>");
+        self.legend.push((sample, "beyond a constraint".into()));
+    }
+
     fn line(
         &mut self,
         name: &str,

@@ -16,7 +16,7 @@ use crate::terminal::TerminalIngredients;
 /// let problem = mpct::cases::academic().problem;
 /// let design = |p| TerminalIngredients::design(p, &DesignOptions::default());
 /// let tracking = terminal_set(&design(&problem)?, (0, 1))?;
-/// let regulation = terminal_set(&design(&problem.with_task(Task::Regulation))?, (0, 1))?;
+/// let regulation = terminal_set(&design(&problem.clone().with_task(Task::Regulation))?, (0, 1))?;
 /// // Figure 1 of the paper: the set for regulation lies inside.
 /// assert!(regulation.vertices.iter().all(|v| tracking.contains(v.map(|c| 0.999 * c))));
 /// # Ok::<(), mpct::DesignError>(())
