@@ -1,3 +1,36 @@
-//! The command `mpct`.
+//! The command `mpct`: design, simulate and sweep tracking controllers from problem files.
+
+mod arguments;
+mod commands;
+mod failure;
+mod output;
 mod report;
-fn main() {}
+
+use arguments::{Arguments, Command};
+use clap::Parser;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    // Wrong arguments end here with exit code 2, help and version with 0.
+    let arguments = Arguments::parse();
+    let result = match arguments.command {
+        Command::Check(a) => commands::check::run(&a),
+        Command::Design(a) => commands::design::run(&a),
+        Command::Simulate(a) => commands::simulate::run(&a),
+        Command::Sweep(a) => commands::sweep::run(&a),
+        Command::Scaling(a) => commands::scaling::run(&a),
+        Command::Compare(a) => commands::compare::run(&a),
+        Command::Reproduce(a) => commands::reproduce::run(&a),
+        Command::Example(a) => commands::example::run(&a),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("error: {}", failure.message);
+            if let Some(help) = failure.help {
+                eprintln!("help: {help}");
+            }
+            ExitCode::from(failure.class as u8)
+        }
+    }
+}

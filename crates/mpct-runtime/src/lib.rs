@@ -1,2 +1,74 @@
-//! The online solver of model predictive control for tracking.
+//! The online solver of model predictive control for tracking: `no_std`, no heap, no `unsafe`, no panic on any data, in `f32` or `f64`.
+//!
+//! # The problem
+//!
+//! ```text
+//! min ½ zᵀHz + f(x, r)ᵀz   s.t.  G z ≤ b(x)        z = (c_0, …, c_{N−1}, θ),  nz = (N + 1) m numbers
+//! f = F_x x + F_r r,   b = 1 + W x                  first input  u = K x + L θ + c_0
+//! ```
+//!
+//! `H` is symmetric positive definite; `H, G, F_x, F_r, W, K, L` are constant. `x` is the measured state (`n` numbers), `r` the set-point.
+//!
+//! # The way
+//!
+//! 1. [`prepare`] factors `H` and scales the rows: once, into one slice of numbers. Export it, or convert it with [`cast_tables`].
+//! 2. [`Workspace::new`] divides caller-provided memory; [`Controller::new`] joins the two.
+//! 3. [`Controller::step`] solves at every sampling instant, within a [`Budget`], and never leaves without a feasible input when one is
+//!    known: see [`StepStatus`] and [`StepError`].
+//! 4. [`verify`] checks a solution without using any of the code that found it.
+//!
+//! The method is the dual active-set method of Goldfarb and Idnani (Mathematical Programming 27, 1983) with factors of the Gram matrix of the
+//! working set, as in Arnström, Bemporad and Axehill (IEEE Transactions on Automatic Control 67, 2022).
+//! The Lipschitz bounds that spare most rows their evaluation are explained in `pricing.rs`.
+//!
+//! # Memory, in numbers of the chosen type
+//!
+//! | | numbers | access |
+//! |---|---|---|
+//! | tables | `nz² + nz(nz+1)/2 + nz(n+nr) + rows(nz+n+4) + m(n+m+input_rows)` | read only, may lie in flash |
+//! | workspace | `nz² + nz(nz−1)/2 + 16 nz + 2 rows + 2 n + nr + m + 1`, and `2 nz + 1` indices of 4 bytes | read and write |
+//!
+//! # Work, in multiply-adds, with `k ≤ nz` active rows
+//!
+//! | part of a step | at most | how often |
+//! |---|---|---|
+//! | linear term | `nz (n + nr)` (`nz n` while the set-point stays) | once |
+//! | settling: stationarity and activity | `nz² + 2 k nz + k n` | twice, plus once per correction |
+//! | settling: one correction | `1.5 nz² + k² + 2 k nz` | once, and once per row that leaves |
+//! | one iteration: projection and step | `nz² + 3 k² + 6 k nz` (with two reprojections; `nz² / 2` more when a row enters) | per iteration |
+//! | pricing: bounds | `3 rows` | per iteration |
+//! | pricing: rows whose bound does not rule them out | `rows (nz + n)`; a few rows in a quiet loop | per iteration |
+//! | checking the candidate | `rows (3 nz + 2 n)` | only when cut short |
+//!
+//! A step touches the tables once per item of this list, row-major and in order. Only `+ − × ÷` and comparisons are used, in an order the source
+//! fixes: host and target give the same bits for the same inputs.
 #![no_std]
+#![forbid(unsafe_code)]
+// `!(a > b)` is how this crate says "not greater, or NaN": the usual spelling would let NaN pass.
+#![allow(clippy::neg_cmp_op_on_partial_ord)]
+
+mod active_set;
+mod budget;
+mod candidate;
+mod dense;
+mod dims;
+mod factor;
+mod memory;
+mod prepare;
+mod pricing;
+mod proof;
+mod scalar;
+mod step;
+mod tables;
+mod verify;
+mod workspace;
+
+pub use budget::Budget;
+pub use dims::Dims;
+pub use memory::Memory;
+pub use prepare::{QpData, cast_tables, prepare};
+pub use scalar::Scalar;
+pub use step::{Controller, Step, StepError, StepStatus, WarmStart, Why};
+pub use tables::{NO_ROW, TableError, Tables, TablesStamp};
+pub use verify::{Verification, verify};
+pub use workspace::Workspace;

@@ -2,38 +2,20 @@
 
 use super::axis::number;
 use super::data::{DesignNumbers, ReportData, Signal, StepRecord};
-use mpct::{Condition, Formulation, RowSource, Run, SparseMatrix, Task, TerminalIngredients};
+use mpct::{
+    Condition, Formulation, Problem, RowSource, Run, SparseMatrix, Task, TerminalIngredients,
+};
 
 /// Beyond this many states the residual of (3) is not computed: the products take longer than the plots.
 const RESIDUAL: usize = 600;
 
-/// Names and units of states and inputs; what is missing is called x1, x2, …, u1, u2, … and has no unit.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Labels {
-    pub states: Vec<String>,
-    pub state_units: Vec<String>,
-    pub inputs: Vec<String>,
-    pub input_units: Vec<String>,
-}
-
 impl ReportData {
-    /// What the report shows of a closed loop and of the design behind it.
-    pub fn new(ingredients: &TerminalIngredients, run: &Run, labels: &Labels) -> Self {
+    /// What the report shows of a closed loop and of the design behind it. States and inputs without a name
+    /// are called x1, x2, …, u1, u2, …
+    pub fn new(ingredients: &TerminalIngredients, run: &Run) -> Self {
         let problem = ingredients.problem();
         let plant = problem.plant();
-        let limits = problem.constraints();
-        let states = signals(
-            "x",
-            &labels.states,
-            &labels.state_units,
-            limits.state_limits(),
-        );
-        let inputs = signals(
-            "u",
-            &labels.inputs,
-            &labels.input_units,
-            limits.input_limits(),
-        );
+        let (states, inputs) = problem_signals(problem);
         let spent = ingredients
             .spent_steps()
             .into_iter()
@@ -55,6 +37,7 @@ impl ReportData {
             formulation: match problem.formulation() {
                 Formulation::Implicit => "implicit",
                 Formulation::Explicit => "explicit",
+                Formulation::NoTerminalConstraint => "without terminal constraint",
             }
             .into(),
             prediction_horizon: problem.prediction_horizon(),
@@ -91,6 +74,25 @@ impl ReportData {
         self.disturbed = disturbed;
         self
     }
+}
+
+/// The states and the inputs of a problem.
+pub fn problem_signals(problem: &Problem) -> (Vec<Signal>, Vec<Signal>) {
+    let (labels, limits) = (problem.plant().labels(), problem.constraints());
+    (
+        signals(
+            "x",
+            &labels.state_names,
+            &labels.state_units,
+            limits.state_limits(),
+        ),
+        signals(
+            "u",
+            &labels.input_names,
+            &labels.input_units,
+            limits.input_limits(),
+        ),
+    )
 }
 
 fn record(step: &mpct::RunStep) -> StepRecord {

@@ -10,10 +10,15 @@ mod from_run;
 mod numbers;
 mod page;
 mod panel;
+mod paper;
+mod picture;
+mod plane;
 mod svg;
+mod tables;
 #[cfg(test)]
 mod tests;
 
-pub use data::{DesignNumbers, ReportData, Signal, StepRecord};
-pub use from_run::Labels;
+pub use data::ReportData;
 pub use page::render;
+pub use paper::reproduction_page;
+pub use picture::{choose, picture};

@@ -2,7 +2,7 @@
 
 use super::axis::{Axis, duration_unit};
 use super::closed_loop::Figure;
-use super::data::{ReportData, quantile};
+use super::data::{ReportData, StepRecord, quantile};
 use super::panel::{Panel, Style};
 use super::svg::{escape, stairs, tenth};
 use std::collections::BTreeMap;
@@ -16,8 +16,16 @@ const ROWS: usize = 48;
 /// Names of rows listed when there are too many for a bar each.
 const NAMES: usize = 8;
 
-/// The optimal cost and its offset part over time, on a logarithmic axis; `None` when no cost is positive.
+/// The optimal cost, its offset part, and what it is above the offset cost that its set-point ends with, over time on
+/// a logarithmic axis; `None` when no cost is positive. Where a set-point is not admissible only the last one shows
+/// the decrease.
 pub fn cost(data: &ReportData) -> Option<Figure> {
+    let mut above: Vec<f64> = data.steps.iter().map(|s| s.cost).collect();
+    for s in data.segments() {
+        for v in &mut above[s.from..s.to] {
+            *v -= s.offset_cost;
+        }
+    }
     let y = Axis::log(data.steps.iter().flat_map(|s| [s.cost, s.offset_cost]))?;
     let step = data.step_length();
     let end = data.steps.len().max(1) as f64 * step;
@@ -31,11 +39,17 @@ pub fn cost(data: &ReportData) -> Option<Figure> {
     for k in data.changes().into_iter().filter(|&k| k > 0) {
         panel.mark(k as f64 * step);
     }
-    let positive = |v: f64| if v > 0.0 { v } else { f64::NAN };
-    let total: Vec<f64> = data.steps.iter().map(|s| positive(s.cost)).collect();
-    let offset: Vec<f64> = data.steps.iter().map(|s| positive(s.offset_cost)).collect();
-    panel.curve(Style::Actual, &stairs(&t, &total, end));
-    panel.curve(Style::Artificial, &stairs(&t, &offset, end));
+    let mut draw = |style: Style, values: &[f64]| {
+        let positive: Vec<f64> = values
+            .iter()
+            .map(|&v| if v > 0.0 { v } else { f64::NAN })
+            .collect();
+        panel.curve(style, &stairs(&t, &positive, end));
+    };
+    let of = |get: fn(&StepRecord) -> f64| data.steps.iter().map(get).collect::<Vec<_>>();
+    draw(Style::Actual, &of(|s| s.cost));
+    draw(Style::Artificial, &of(|s| s.offset_cost));
+    draw(Style::SetPoint, &above);
     Some(Figure {
         panel,
         description: "optimal cost and offset cost over time, logarithmic".into(),

@@ -130,8 +130,8 @@ fn every_kind_of_change_is_refused() {
                 });
             }
         }
-        // A wider box may still be proved true; a narrower one is not, and neither is one without its rows.
-        claim("/proof/boxes/1/half_width", 0.5);
+        // Another half width of the box is no lie: the checker finds out how wide it has to be. This one is no width.
+        claim("/proof/boxes/1/half_width", -1.0);
         claim("/claim/scaling", 1.1);
         claim("/proof/witness/point/0/1", 1.5);
         claim("/proof/witness/point/0/1", -1.0);

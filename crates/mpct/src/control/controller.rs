@@ -1,10 +1,14 @@
 //! The controller behind one door: `step(x, set_point) -> u`.
 
-use super::prediction::{Condensed, condense};
-use super::set_point::{SetPoint, weighted_square};
+use super::online::{Limits, OnlineSolver, Program};
+use super::prediction::{RowOrigin, condense};
+use super::set_point::{Equilibria, SetPoint, weighted_square};
+use super::terminal_cost::ExtraCost;
+use crate::analysis::ProgramRow;
 use crate::error::{DesignError, StepError};
+use crate::linalg::Dense;
 use crate::matrix::Matrix;
-use crate::optimization::{Failure, PreparedQp};
+use crate::optimization::{Failure, PreparedQp, add_product};
 use crate::problem::{Formulation, Task};
 use crate::terminal::TerminalIngredients;
 use serde::{Deserialize, Serialize};
@@ -52,6 +56,9 @@ pub struct Step {
     pub predicted_inputs: Vec<Vec<f64>>,
     /// How the input was found.
     pub status: StepStatus,
+    /// Largest violation of a row of the program by the prediction, where right-hand sides are 1 at the operating point:
+    /// rounding for an optimum. A candidate that violates more tells that the state has left the prediction.
+    pub violation: f64,
     /// Iterations of the solver.
     pub iterations: usize,
     /// Time of the whole step.
@@ -94,10 +101,17 @@ pub struct CondensedQp {
 /// ```
 pub struct Controller {
     ingredients: TerminalIngredients,
-    condensed: Condensed,
-    qp: PreparedQp,
-    /// z of the last step, in use for the shifted candidate.
-    last: Option<Vec<f64>>,
+    formulation: Formulation,
+    solver: OnlineSolver,
+    /// Where each row of the program comes from.
+    origin: Vec<RowOrigin>,
+    /// The Hessian of the cost in the state.
+    state_hessian: Dense,
+    /// What the cost has besides (10).
+    extra: Option<ExtraCost>,
+    limits: Limits,
+    /// Finds the closest admissible equilibrium, to say whether a set-point is admissible.
+    equilibria: Option<Equilibria>,
     /// The last set-point asked for, and whether it is admissible.
     known: Option<(SetPoint, bool)>,
 }
@@ -106,16 +120,13 @@ impl fmt::Debug for Controller {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Controller")
             .field("problem", &self.ingredients.problem().name())
-            .field("formulation", &self.ingredients.problem().formulation())
+            .field("formulation", &self.formulation)
             .field("terminal_horizon", &self.ingredients.terminal_horizon())
             .field("variables", &self.variables())
             .field("rows", &self.rows())
             .finish_non_exhaustive()
     }
 }
-
-/// A candidate may violate a row (right-hand sides are 1 at the operating point) by this and still be applied.
-const CANDIDATE_TOLERANCE: f64 = 1e-9;
 
 impl Controller {
     /// A controller for the formulation and task of the problem.
@@ -135,19 +146,37 @@ impl Controller {
         ingredients: TerminalIngredients,
         formulation: Formulation,
     ) -> Result<Self, DesignError> {
+        let problem = ingredients.problem();
+        let (inputs, stages) = (problem.plant().inputs(), problem.prediction_horizon());
         let condensed = condense(&ingredients, formulation)?;
-        let qp = PreparedQp::new(
-            "the tracking problem",
-            condensed.hessian.clone(),
-            condensed.rows.clone(),
-        )?;
+        let program = Program {
+            hessian: condensed.hessian,
+            from_state: condensed.from_state,
+            from_set_point: condensed.from_set_point,
+            rows: condensed.rows,
+            state_rows: condensed.state_rows,
+        };
+        let equilibria = match problem.task() {
+            Task::Tracking => Some(Equilibria::new(problem, ingredients.steady_states())?),
+            Task::Regulation => None,
+        };
         Ok(Self {
+            solver: OnlineSolver::new(program, inputs, stages)?,
             ingredients,
-            condensed,
-            qp,
-            last: None,
+            formulation,
+            origin: condensed.origin,
+            state_hessian: condensed.state_hessian,
+            extra: condensed.extra,
+            limits: Limits::default(),
+            equilibria,
             known: None,
         })
+    }
+
+    /// Ends every step after this many iterations, or this time, with the shifted candidate (32) or a better point;
+    /// `None` is no limit. The candidate is feasible whenever the state is where the last step predicted it.
+    pub fn set_limits(&mut self, iterations: Option<u32>, time: Option<Duration>) {
+        self.limits = Limits { iterations, time };
     }
 
     /// The terminal ingredients.
@@ -155,19 +184,24 @@ impl Controller {
         &self.ingredients
     }
 
+    /// The formulation of this controller.
+    pub fn formulation(&self) -> Formulation {
+        self.formulation
+    }
+
     /// Variables of the quadratic program.
     pub fn variables(&self) -> usize {
-        self.condensed.hessian.nrows()
+        self.solver.program().hessian.nrows()
     }
 
     /// Rows of the quadratic program.
     pub fn rows(&self) -> usize {
-        self.condensed.rows.nrows()
+        self.solver.program().rows.nrows()
     }
 
     /// Forgets the last step; the next one has no candidate to fall back on.
     pub fn reset(&mut self) {
-        self.last = None;
+        self.solver.reset();
     }
 
     /// The input for a measured state and a set-point, both in physical coordinates.
@@ -182,37 +216,32 @@ impl Controller {
     pub fn step(&mut self, state: &[f64], set_point: &SetPoint) -> Result<Step, StepError> {
         let started = Instant::now();
         let (x, r) = self.shifted(state, set_point)?;
-        let (f, b) = self.linear_and_bounds(&x, &r);
-        let candidate = self.last.take().map(|z| self.shift(&z));
-        let (z, status, iterations) = match self.qp.solve(&f, &b) {
-            Ok(solution) => (solution.z, StepStatus::Optimal, solution.iterations),
-            Err(Failure::Infeasible(proof)) => {
-                return Err(StepError::Infeasible {
+        let answer = self
+            .solver
+            .solve(&x, &r, self.limits)
+            .map_err(|failure| match failure {
+                Failure::Infeasible(proof) => StepError::Infeasible {
                     gap: proof.gap,
                     radius: proof.radius,
-                });
-            }
-            Err(Failure::Unsolved {
-                iterations,
-                residual,
-            }) => match candidate {
-                Some(z) if self.violation(&z, &b) <= CANDIDATE_TOLERANCE => {
-                    (z, StepStatus::Candidate, iterations)
-                }
-                _ => {
-                    return Err(StepError::IterationLimit {
-                        iterations,
-                        residual,
-                    });
-                }
-            },
-        };
+                },
+                Failure::Unsolved {
+                    iterations,
+                    residual,
+                } => StepError::IterationLimit {
+                    iterations,
+                    residual,
+                },
+            })?;
         let admissible = self.is_admissible(set_point);
-        let mut step = self.describe(&x, &r, &z);
-        step.status = status;
-        step.iterations = iterations;
+        let mut step = self.describe(&x, &r, &answer.z);
+        step.status = if answer.optimal {
+            StepStatus::Optimal
+        } else {
+            StepStatus::Candidate
+        };
+        step.violation = answer.violation;
+        step.iterations = answer.iterations;
         step.admissible = admissible;
-        self.last = Some(z);
         step.elapsed = started.elapsed();
         Ok(step)
     }
@@ -223,13 +252,75 @@ impl Controller {
     /// [`StepError::WrongLength`], [`StepError::StateNotFinite`], [`StepError::SetPointNotFinite`].
     pub fn qp(&self, state: &[f64], set_point: &SetPoint) -> Result<CondensedQp, StepError> {
         let (x, r) = self.shifted(state, set_point)?;
-        let (linear, bounds) = self.linear_and_bounds(&x, &r);
+        let (linear, bounds) = self.solver.linear_and_bounds(&x, &r);
         Ok(CondensedQp {
-            hessian: crate::linalg::to_matrix(self.qp.hessian()),
+            hessian: crate::linalg::to_matrix(&self.solver.program().hessian),
             linear,
-            rows: crate::linalg::to_matrix(self.qp.rows()),
+            rows: crate::linalg::to_matrix(&self.solver.program().rows),
             bounds,
         })
+    }
+
+    /// W and G of the program's rows W x + G z ≤ 1, in shifted coordinates.
+    pub(crate) fn program_rows(&self) -> (&Dense, &Dense) {
+        let program = self.solver.program();
+        (&program.state_rows, &program.rows)
+    }
+
+    /// H, F_x, F_r and the Hessian in the state: the cost is ½ zᵀHz + (F_x x + F_r r)ᵀz + ½ xᵀ H_x x + a constant of r.
+    pub(crate) fn program_cost(&self) -> (&Dense, &Dense, &Dense, &Dense) {
+        let p = self.solver.program();
+        (
+            &p.hessian,
+            &p.from_state,
+            &p.from_set_point,
+            &self.state_hessian,
+        )
+    }
+
+    /// The checked optimum at a state by another solver than the controller's own, without taking a step. `qp` holds the
+    /// program's H and G.
+    pub(crate) fn evaluate(
+        &self,
+        qp: &PreparedQp,
+        state: &[f64],
+        set_point: &SetPoint,
+    ) -> Result<Step, StepError> {
+        let (x, r) = self.shifted(state, set_point)?;
+        let (f, b) = self.solver.linear_and_bounds(&x, &r);
+        match qp.solve(&f, &b) {
+            Ok(solution) => Ok(self.describe(&x, &r, &solution.z)),
+            Err(Failure::Infeasible(proof)) => Err(StepError::Infeasible {
+                gap: proof.gap,
+                radius: proof.radius,
+            }),
+            Err(Failure::Unsolved {
+                iterations,
+                residual,
+            }) => Err(StepError::IterationLimit {
+                iterations,
+                residual,
+            }),
+        }
+    }
+
+    /// What each of them comes from.
+    pub(crate) fn program_row_names(&self) -> Vec<ProgramRow> {
+        let problem = self.ingredients.problem();
+        let horizon = problem.prediction_horizon();
+        let source = &problem.rows().source;
+        let named = |row: usize, step| ProgramRow {
+            source: source[row],
+            step,
+        };
+        self.origin
+            .iter()
+            .map(|origin| match *origin {
+                RowOrigin::Stage { row, step } => named(row, Some(step)),
+                RowOrigin::Terminal { row, step } => named(row, Some(horizon + step)),
+                RowOrigin::Equilibrium { row } => named(row, None),
+            })
+            .collect()
     }
 
     /// Checked and shifted state and set-point (state, input).
@@ -285,35 +376,6 @@ impl Controller {
         Ok((x, r))
     }
 
-    fn linear_and_bounds(&self, x: &[f64], r: &[f64]) -> (Vec<f64>, Vec<f64>) {
-        let mut f = vec![0.0; self.variables()];
-        accumulate(&mut f, &self.condensed.from_state, x, 1.0);
-        accumulate(&mut f, &self.condensed.from_set_point, r, 1.0);
-        let mut b = vec![1.0; self.rows()];
-        accumulate(&mut b, &self.condensed.state_rows, x, -1.0);
-        (f, b)
-    }
-
-    /// (c_1, …, c_{N−1}, 0, θ).
-    fn shift(&self, z: &[f64]) -> Vec<f64> {
-        let m = self.ingredients.problem().plant().inputs();
-        let inputs = self.ingredients.problem().prediction_horizon() * m;
-        let mut next = z.to_vec();
-        next.copy_within(m..inputs, 0);
-        next[inputs - m..inputs].fill(0.0);
-        next
-    }
-
-    /// Largest violation of G z ≤ b.
-    fn violation(&self, z: &[f64], b: &[f64]) -> f64 {
-        let mut slack = b.to_vec();
-        accumulate(&mut slack, &self.condensed.rows, z, -1.0);
-        slack.iter().fold(
-            0.0,
-            |a, s| if s.is_nan() { f64::INFINITY } else { a.max(-s) },
-        )
-    }
-
     fn is_admissible(&mut self, set_point: &SetPoint) -> bool {
         if let Some((known, admissible)) = &self.known
             && known == set_point
@@ -323,11 +385,12 @@ impl Controller {
         let problem = self.ingredients.problem();
         let admissible = match problem.task() {
             Task::Regulation => set_point.state == problem.plant().operating_point().state,
-            Task::Tracking => self
-                .ingredients
-                .steady_states()
-                .closest_admissible(problem, set_point)
-                .is_ok_and(|closest| closest.admissible),
+            Task::Tracking => match &mut self.equilibria {
+                Some(equilibria) => equilibria
+                    .closest(problem, self.ingredients.steady_states(), set_point)
+                    .is_ok_and(|closest| closest.admissible),
+                None => false,
+            },
         };
         self.known = Some((set_point.clone(), admissible));
         admissible
@@ -371,6 +434,17 @@ impl Controller {
             self.ingredients.terminal_weight(),
             &minus(&states[horizon], &xs),
         );
+        if let Some(extra) = &self.extra {
+            let mut e = minus(&states[horizon], &xs);
+            for _ in 0..extra.steps {
+                let mut next = vec![0.0; n];
+                add_product(&mut next, &self.ingredients.law().closed_loop, &e, 1.0);
+                e = next;
+            }
+            let mut weighted = vec![0.0; n];
+            add_product(&mut weighted, &extra.weight, &e, 1.0);
+            cost += e.iter().zip(&weighted).map(|(a, b)| a * b).sum::<f64>();
+        }
         let offset_cost = match problem.task() {
             Task::Tracking => {
                 weighted_square(problem.offset_weight(), &minus(&xs, &r[..n]))
@@ -392,19 +466,9 @@ impl Controller {
             predicted_states: states.into_iter().map(|x| physical(x, &at.state)).collect(),
             predicted_inputs: inputs,
             status: StepStatus::Optimal,
+            violation: 0.0,
             iterations: 0,
             elapsed: Duration::ZERO,
-        }
-    }
-}
-
-/// out += factor · M v.
-fn accumulate(out: &mut [f64], m: &crate::linalg::Dense, v: &[f64], factor: f64) {
-    for (j, &vj) in v.iter().enumerate() {
-        if vj != 0.0 {
-            for (o, &c) in out.iter_mut().zip(m.col(j).iter()) {
-                *o += factor * vj * c;
-            }
         }
     }
 }

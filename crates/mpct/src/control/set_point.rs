@@ -1,9 +1,10 @@
 //! Set-points, and the admissible equilibrium closest to one.
 
+use super::online::{Limits, OnlineSolver, Program};
 use crate::error::DesignError;
 use crate::linalg::{self, Dense};
 use crate::matrix::SparseMatrix;
-use crate::optimization::{Failure, PreparedQp};
+use crate::optimization::Failure;
 use crate::problem::plant::check_vector;
 use crate::problem::{Problem, RowSource};
 use crate::steady_state::SteadyStates;
@@ -58,8 +59,8 @@ pub struct AdmissibleSetPoint {
 const TIE_BREAK: f64 = 1e-6;
 /// A singular value of M_θx below this, relative to the largest, means equilibria that differ in the input alone.
 const SAME_STATE: f64 = 1e-9;
-/// An offset cost at most this, relative to the weight times the size of the set-point squared, is zero: the square of
-/// the distance at which closed loops are said to have arrived, 1e-6, less two digits.
+/// An offset cost at most this is zero, relative to that of the way from the operating point to the set-point or to a
+/// constraint: the square of the distance at which closed loops are said to have arrived, 1e-6, less two digits.
 const ADMISSIBLE: f64 = 1e-14;
 /// A row of λΘ is limiting when its slack is below this (right-hand sides are 1).
 const ACTIVE: f64 = 1e-7;
@@ -152,14 +153,52 @@ fn add(a: &[f64], b: &[f64]) -> Vec<f64> {
     a.iter().zip(b).map(|(a, b)| a + b).collect()
 }
 
-impl SteadyStates {
-    /// The admissible equilibrium closest to a set-point: the minimum of the offset cost over θ ∈ λΘ.
-    ///
-    /// # Errors
-    /// [`DesignError::Shape`], [`DesignError::NotFinite`] for the set-point; [`DesignError::Solver`].
-    pub fn closest_admissible(
-        &self,
+/// The closest admissible equilibrium as a program in θ, ready for many set-points.
+pub(crate) struct Equilibria {
+    solver: OnlineSolver,
+    /// C M_θx + D M_θu.
+    rows: SparseMatrix,
+    /// Offset cost of going from the operating point to a constraint, the largest over the parameters.
+    unit: f64,
+}
+
+impl Equilibria {
+    pub(crate) fn new(problem: &Problem, steady: &SteadyStates) -> Result<Self, DesignError> {
+        let (n, m) = (problem.plant().states(), problem.plant().inputs());
+        let cost = OffsetCost::of(problem, steady)?;
+        let constraints = problem.rows();
+        let rows = constraints.c.mul(steady.state_basis()).combine(
+            1.0,
+            &constraints.d.mul(steady.input_basis()),
+            1.0,
+        );
+        let from_set_point = Dense::from_fn(m, n + m, |i, j| {
+            if j < n {
+                -cost.from_state[(i, j)]
+            } else {
+                -cost.from_input[(i, j - n)]
+            }
+        });
+        let unit = (0..m).fold(0.0_f64, |a, i| a.max(0.5 * cost.hessian[(i, i)]));
+        // There is no measured state here: one that is always zero takes its place.
+        let program = Program {
+            hessian: cost.hessian,
+            from_state: Dense::zeros(m, 1),
+            from_set_point,
+            rows: linalg::dense(&rows) * faer::Scale(1.0 / problem.scaling()),
+            state_rows: Dense::zeros(constraints.len(), 1),
+        };
+        Ok(Self {
+            solver: OnlineSolver::new(program, m, 0)?,
+            rows,
+            unit,
+        })
+    }
+
+    pub(crate) fn closest(
+        &mut self,
         problem: &Problem,
+        steady: &SteadyStates,
         set_point: &SetPoint,
     ) -> Result<AdmissibleSetPoint, DesignError> {
         let (n, m) = (problem.plant().states(), problem.plant().inputs());
@@ -173,53 +212,97 @@ impl SteadyStates {
             }
             None => vec![0.0; m],
         };
-        let cost = OffsetCost::of(problem, self)?;
-        let rows = problem.rows();
-        let w = rows
-            .c
-            .mul(self.state_basis())
-            .combine(1.0, &rows.d.mul(self.input_basis()), 1.0);
-        let scaling = problem.scaling();
-        let g = linalg::dense(&w) * faer::Scale(1.0 / scaling);
-        let fx = &cost.from_state * Dense::from_fn(n, 1, |i, _| xr[i]);
-        let fu = &cost.from_input * Dense::from_fn(m, 1, |i, _| ur[i]);
-        let f: Vec<f64> = (0..m).map(|i| -fx[(i, 0)] - fu[(i, 0)]).collect();
-        let qp = PreparedQp::new("the offset cost", cost.hessian, g)?;
-        let solution =
-            qp.solve(&f, &vec![1.0; rows.len()])
-                .map_err(|failure| DesignError::Solver {
-                    what: "the closest admissible equilibrium".into(),
-                    detail: match failure {
-                        Failure::Infeasible(_) => {
-                            "said to be infeasible, though θ = 0 is admissible".into()
-                        }
-                        Failure::Unsolved { residual, .. } => {
-                            format!("largest residual {residual:.3e}")
-                        }
-                    },
-                })?;
+        let r: Vec<f64> = xr.iter().chain(&ur).copied().collect();
+        let solution = self
+            .solver
+            .solve(&[0.0], &r, Limits::default())
+            .map_err(|failure| DesignError::Solver {
+                what: "the closest admissible equilibrium".into(),
+                detail: match failure {
+                    Failure::Infeasible(_) => {
+                        "said to be infeasible, though θ = 0 is admissible".into()
+                    }
+                    Failure::Unsolved { residual, .. } => {
+                        format!("largest residual {residual:.3e}")
+                    }
+                },
+            })?;
         let theta = solution.z;
         let (xs, us) = (
-            self.state_basis().mul_vec(&theta),
-            self.input_basis().mul_vec(&theta),
+            steady.state_basis().mul_vec(&theta),
+            steady.input_basis().mul_vec(&theta),
         );
         let (dx, du) = (subtract(&xs, &xr), subtract(&us, &ur));
         let offset_cost = weighted_square(problem.offset_weight(), &dx)
             + weighted_square(problem.offset_input_weight(), &du);
         let size = weighted_square(problem.offset_weight(), &xr)
             + weighted_square(problem.offset_input_weight(), &ur);
-        let limiting = (0..rows.len())
-            .filter(|&i| w.row_dot(i, &theta) >= scaling * (1.0 - ACTIVE))
-            .map(|i| rows.source[i])
+        let scaling = problem.scaling();
+        let limiting = (0..self.rows.rows())
+            .filter(|&i| self.rows.row_dot(i, &theta) >= scaling * (1.0 - ACTIVE))
+            .map(|i| problem.rows().source[i])
             .collect();
         Ok(AdmissibleSetPoint {
             state: add(&xs, &at.state),
             input: add(&us, &at.input),
-            admissible: offset_cost <= ADMISSIBLE * size.max(f64::MIN_POSITIVE)
-                || offset_cost == 0.0,
+            admissible: offset_cost <= ADMISSIBLE * size.max(self.unit),
             parameter: theta,
             offset_cost,
             limiting,
         })
+    }
+}
+
+impl SteadyStates {
+    /// The admissible equilibrium closest to a set-point: the minimum of the offset cost over θ ∈ λΘ.
+    ///
+    /// # Errors
+    /// [`DesignError::Shape`], [`DesignError::NotFinite`] for the set-point; [`DesignError::Solver`].
+    pub fn closest_admissible(
+        &self,
+        problem: &Problem,
+        set_point: &SetPoint,
+    ) -> Result<AdmissibleSetPoint, DesignError> {
+        Equilibria::new(problem, self)?.closest(problem, self, set_point)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Constraints, Matrix, Plant, Weights};
+
+    /// What a solver remembers of the last set-point must not show in the next answer.
+    #[test]
+    fn answers_do_not_depend_on_the_set_point_before() {
+        let plant = Plant::discrete(
+            Matrix::from_rows(&[[1.0, 1.0], [0.0, 1.0]]),
+            Matrix::from_rows(&[[0.0, 0.5], [1.0, 0.5]]),
+        )
+        .unwrap();
+        let constraints = Constraints::new(2, 2)
+            .state_bounds(&[-3.0; 2], &[3.0; 2])
+            .unwrap()
+            .input_bounds(&[-2.0; 2], &[2.0; 2])
+            .unwrap();
+        let problem = Problem::new(plant, constraints, Weights::new(10.0, 100.0, 1e4)).unwrap();
+        let steady = SteadyStates::of(&problem).unwrap();
+        let mut equilibria = Equilibria::new(&problem, &steady).unwrap();
+        for (state, admissible) in [
+            ([2.0, 0.5], true),
+            ([50.0, -30.0], false),
+            ([0.0, 0.0], true),
+            ([1e6, 1e6], false),
+            ([1.0, 0.1], true),
+            ([0.0, 0.0], true),
+        ] {
+            let set_point = SetPoint::state(state);
+            let found = equilibria.closest(&problem, &steady, &set_point).unwrap();
+            assert_eq!(found.admissible, admissible, "{found:?}");
+            let fresh = steady.closest_admissible(&problem, &set_point).unwrap();
+            for (a, b) in found.state.iter().zip(&fresh.state) {
+                assert!((a - b).abs() < 1e-9, "{found:?} {fresh:?}");
+            }
+        }
     }
 }

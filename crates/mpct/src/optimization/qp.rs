@@ -82,14 +82,6 @@ impl PreparedQp {
         })
     }
 
-    pub(crate) fn hessian(&self) -> &Dense {
-        &self.h
-    }
-
-    pub(crate) fn rows(&self) -> &Dense {
-        &self.g
-    }
-
     /// The checked optimum for one f and b.
     pub(crate) fn solve(&self, f: &[f64], b: &[f64]) -> Result<QpSolution, Failure> {
         let nz = f.len();

@@ -118,5 +118,5 @@ pub(crate) fn farkas(g: &Dense, b: &[f64], y: &[f64]) -> Option<Farkas> {
     } else {
         f64::INFINITY
     };
-    (gap > 0.0 && radius.is_finite() || gap > 0.0 && leak == 0.0).then_some(Farkas { gap, radius })
+    (gap > 0.0 && !radius.is_nan()).then_some(Farkas { gap, radius })
 }

@@ -3,11 +3,13 @@
 mod constraints;
 mod discretise;
 pub mod file;
+mod formulation;
 pub(crate) mod plant;
 mod weights;
 
 pub use constraints::{ConstraintRows, Constraints, MixedRows, RowSource};
-pub use plant::{OperatingPoint, Plant};
+pub use formulation::{Formulation, NoTerminalConstraint, TerminalCost};
+pub use plant::{Labels, OperatingPoint, Plant};
 pub use weights::{Weight, Weights};
 
 use crate::error::DesignError;
@@ -24,17 +26,6 @@ pub enum Task {
     Tracking,
     /// The origin (the operating point) only (section 3.1).
     Regulation,
-}
-
-/// How the terminal constraint is written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Formulation {
-    /// The terminal law runs for M̃ more steps (30).
-    #[default]
-    Implicit,
-    /// The irredundant rows of the maximal admissible set (9).
-    Explicit,
 }
 
 /// A checked problem, in shifted coordinates.
@@ -66,6 +57,8 @@ pub struct Problem {
     o_input: SparseMatrix,
     task: Task,
     formulation: Formulation,
+    terminal_cost: TerminalCost,
+    no_terminal_constraint: Option<NoTerminalConstraint>,
     prediction_horizon: usize,
     scaling: f64,
     gain: Option<SparseMatrix>,
@@ -116,6 +109,8 @@ impl Problem {
             rows,
             task: Task::default(),
             formulation: Formulation::default(),
+            terminal_cost: TerminalCost::default(),
+            no_terminal_constraint: None,
             prediction_horizon: DEFAULT_PREDICTION_HORIZON,
             scaling: DEFAULT_SCALING,
             gain: None,
@@ -137,6 +132,19 @@ impl Problem {
     /// Chooses the formulation.
     pub fn with_formulation(mut self, formulation: Formulation) -> Self {
         self.formulation = formulation;
+        self
+    }
+
+    /// Chooses the formulation of section 3.5, with M̄, γ and α.
+    pub fn with_no_terminal_constraint(mut self, choices: NoTerminalConstraint) -> Self {
+        self.formulation = Formulation::NoTerminalConstraint;
+        self.no_terminal_constraint = Some(choices);
+        self
+    }
+
+    /// Chooses the terminal cost.
+    pub fn with_terminal_cost(mut self, cost: TerminalCost) -> Self {
+        self.terminal_cost = cost;
         self
     }
 
@@ -241,6 +249,16 @@ impl Problem {
     /// The formulation.
     pub fn formulation(&self) -> Formulation {
         self.formulation
+    }
+
+    /// The terminal cost.
+    pub fn terminal_cost(&self) -> TerminalCost {
+        self.terminal_cost
+    }
+
+    /// The choices of section 3.5, when stated.
+    pub fn no_terminal_constraint(&self) -> Option<NoTerminalConstraint> {
+        self.no_terminal_constraint
     }
 
     /// N.

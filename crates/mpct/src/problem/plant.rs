@@ -15,6 +15,19 @@ pub struct OperatingPoint {
     pub input: Vec<f64>,
 }
 
+/// Names and units of states and inputs, for reports. Each list is empty or has one text per state (or input).
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Labels {
+    /// Names of the states.
+    pub state_names: Vec<String>,
+    /// Units of the states; an empty text for none.
+    pub state_units: Vec<String>,
+    /// Names of the inputs.
+    pub input_names: Vec<String>,
+    /// Units of the inputs; an empty text for none.
+    pub input_units: Vec<String>,
+}
+
 /// A linear plant with n states and m inputs.
 ///
 /// ```
@@ -34,6 +47,7 @@ pub struct Plant {
     continuous: Option<(SparseMatrix, SparseMatrix)>,
     sampling_time: Option<f64>,
     operating_point: OperatingPoint,
+    labels: Labels,
 }
 
 impl Plant {
@@ -56,6 +70,7 @@ impl Plant {
             b,
             continuous: None,
             sampling_time: None,
+            labels: Labels::default(),
         })
     }
 
@@ -106,6 +121,30 @@ impl Plant {
         Ok(self)
     }
 
+    /// Names states and inputs, and their units, for reports.
+    ///
+    /// # Errors
+    /// [`DesignError::Shape`] when a list is neither empty nor as long as there are states (or inputs).
+    pub fn with_labels(mut self, labels: Labels) -> Result<Self, DesignError> {
+        let (n, m) = (self.states(), self.inputs());
+        for (what, list, len) in [
+            ("plant.state_names", &labels.state_names, n),
+            ("plant.state_units", &labels.state_units, n),
+            ("plant.input_names", &labels.input_names, m),
+            ("plant.input_units", &labels.input_units, m),
+        ] {
+            if !list.is_empty() && list.len() != len {
+                return Err(DesignError::Shape {
+                    what: what.into(),
+                    expected: format!("{len} texts"),
+                    found: format!("{}", list.len()),
+                });
+            }
+        }
+        self.labels = labels;
+        Ok(self)
+    }
+
     /// Number of states n.
     pub fn states(&self) -> usize {
         self.a.rows()
@@ -134,6 +173,11 @@ impl Plant {
     /// The sampling time in seconds, when known.
     pub fn sampling_time(&self) -> Option<f64> {
         self.sampling_time
+    }
+
+    /// Names and units; empty unless stated.
+    pub fn labels(&self) -> &Labels {
+        &self.labels
     }
 
     /// The operating point; the origin unless stated.

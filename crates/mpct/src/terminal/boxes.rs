@@ -21,6 +21,9 @@ pub(super) struct Boxes {
 const FAR: f64 = 1e7;
 /// A coordinate that step 0 alone does not bound gets this many times its bound over more steps.
 const ROOM: f64 = 1e2;
+/// A coordinate that no step bounds on both sides gets this box, in units of the nearest constraint. The larger, the
+/// more rounding of a multiplier looks like a multiplier of the box.
+const FREE: f64 = 1e3;
 /// Steps looked at to bound a coordinate that step 0 does not bound.
 const STEPS: usize = 64;
 /// Relative size below which a singular value counts as zero.
@@ -189,11 +192,8 @@ impl Boxes {
             } else if finished {
                 // Unbounded even here: one-sided constraints. The programs then end at the box, which only ever
                 // proves that a row is not spent.
-                self.beta[l] = if bounded {
-                    reach * far[l] * ROOM
-                } else {
-                    far[l]
-                };
+                let widths = if bounded { reach * ROOM } else { FREE / FAR };
+                self.beta[l] = far[l] * widths;
                 self.valid[l] = false;
             }
         }

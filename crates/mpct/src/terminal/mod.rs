@@ -62,8 +62,8 @@ pub struct Progress {
     pub terminal_horizon_at_least: usize,
 }
 
-/// Told how far a search has come; a `Break` ends it.
-pub type ProgressCallback = dyn Fn(&Progress) -> ControlFlow<()> + Sync;
+/// What is told how far a search has come, and may end it.
+pub type OnProgress<'a> = dyn Fn(&Progress) -> ControlFlow<()> + Sync + 'a;
 
 /// Choices of a design.
 #[derive(Clone, Copy)]
@@ -75,7 +75,7 @@ pub struct DesignOptions<'a> {
     /// The search gives up after this time.
     pub time_limit: Option<Duration>,
     /// Called now and then; a `Break` ends the search with [`DesignError::Interrupted`].
-    pub progress: Option<&'a ProgressCallback>,
+    pub progress: Option<&'a OnProgress<'a>>,
 }
 
 /// Largest terminal horizon searched unless stated otherwise.
@@ -132,6 +132,32 @@ pub struct TerminalIngredients {
     spent: Vec<usize>,
     linear_programs: usize,
     elapsed: Duration,
+}
+
+/// What a check of Assumption 1 finds.
+#[derive(Clone, Debug)]
+pub struct Assumption {
+    /// Spectral radius of A + B K.
+    pub spectral_radius: f64,
+    /// The basis of the steady states.
+    pub steady_states: SteadyStates,
+}
+
+/// Checks Assumption 1 without searching the horizon: (A, B) stabilizable, A + B K Schur, no direction free of
+/// constraints. Definite weights and an interior origin were checked with the problem.
+///
+/// # Errors
+/// [`DesignError::NotStabilizable`], [`DesignError::NotSchur`], [`DesignError::Unbounded`], [`DesignError::Solver`].
+pub fn check_assumption(problem: &Problem) -> Result<Assumption, DesignError> {
+    let clock = Clock::unlimited();
+    let law = lqr::terminal_law(problem, &clock)?;
+    let steady_states = SteadyStates::of(problem)?;
+    let mut system = Augmented::new(problem, &law.gain, &law.closed_loop, &steady_states);
+    Boxes::of(&mut system, &clock)?;
+    Ok(Assumption {
+        spectral_radius: law.spectral_radius,
+        steady_states,
+    })
 }
 
 impl TerminalIngredients {

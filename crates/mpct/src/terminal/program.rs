@@ -155,6 +155,7 @@ impl<'a> Scene<'a> {
     /// All rows that take part as one block.
     fn lay_out(&self) -> Block {
         let d = self.system.dimension();
+        let valid = self.bank.valid.iter().all(|&v| v);
         let mut block = Block {
             keys: Vec::new(),
             coefficients: Vec::new(),
@@ -165,7 +166,7 @@ impl<'a> Scene<'a> {
         for key in 0..self.bank.rows(self.known) as Key {
             let (upper, lower) = self.bounds(key);
             // Rows that no point of the box can violate, or that are absent, would only cost time.
-            if self.bank.total(key) <= upper.min(lower) {
+            if self.bank.total(key) <= upper.min(lower) && valid {
                 continue;
             }
             let start = block.coefficients.len();
@@ -196,20 +197,30 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// Solves the program on all variables.
-    pub(super) fn solve_whole(&self, ws: &mut Workspace, query: &Query) -> Answer {
+    /// Solves the program on all variables, with the box of those that it does not hold wider by a factor.
+    pub(super) fn solve_whole(&self, ws: &mut Workspace, query: &Query, widening: f64) -> Answer {
         let block = self.block.get_or_init(|| self.lay_out());
         let d = self.system.dimension();
+        let valid = &self.bank.valid;
+        let factor = |j: usize| if valid[j] { 1.0 } else { widening };
         let end = self.bank.rows(query.known) as Key;
         let count = block.keys.partition_point(|&k| k < end);
         ws.weights.clear();
         ws.weights.resize(d, 0.0);
         for &(j, v) in &ws.objective {
-            ws.weights[j] = v;
+            ws.weights[j] = v * factor(j);
         }
+        let mut widened = Vec::new();
+        let coefficients = if widening == 1.0 {
+            &block.coefficients[..count * d]
+        } else {
+            let entries = block.coefficients[..count * d].iter().enumerate();
+            widened.extend(entries.map(|(i, v)| v * factor(i % d)));
+            &widened[..]
+        };
         let rows = Rows {
             width: d,
-            coefficients: &block.coefficients[..count * d],
+            coefficients,
             upper: &block.upper[..count],
             lower: &block.lower[..count],
             inverse_norms: &block.inverse_norms[..count],
@@ -219,7 +230,7 @@ impl<'a> Scene<'a> {
             Some((k, side))
         });
         // A bound that rests on a box that proves nothing is none: go on until the multipliers have left it.
-        let below = if self.bank.valid.iter().all(|&v| v) {
+        let below = if valid.iter().all(|&v| v) {
             1.0
         } else {
             f64::NEG_INFINITY
@@ -244,11 +255,11 @@ impl<'a> Scene<'a> {
             ws.witness.clear();
             ws.witness.extend(
                 z.iter()
-                    .map(|v| v / reach)
                     .enumerate()
+                    .map(|(j, v)| (j, v * factor(j) / reach))
                     .filter(|e| e.1 != 0.0),
             );
-            ws.objective.iter().map(|&(j, v)| v * z[j]).sum::<f64>() / reach
+            ws.weights.iter().zip(z).map(|(w, v)| w * v).sum::<f64>() / reach
         };
         ws.multipliers.clear();
         let simplex = &ws.simplex;

@@ -69,6 +69,8 @@ const CANDIDATES: usize = 24;
 const STALE: f64 = 0.2;
 /// Pivots after which the inverse is computed anew, so that rounding does not pile up in it.
 const REFRESH: usize = 100;
+/// Pivots after which the inverse is not trusted to end the method.
+const WORN: usize = 16;
 /// Entering rows refused for want of a pivot before the method gives up.
 const REFUSALS: usize = 50;
 /// Pivots between two looks at the clock.
@@ -148,10 +150,17 @@ impl DualSimplex {
         let mut refused = 0;
         loop {
             let bound = self.bound(rows);
+            // Rank-one updates wear the inverse out: a long run looks once more with a fresh one before it ends.
             if bound <= thresholds[0] {
+                if self.is_worn() && self.refresh(rows, w) {
+                    continue;
+                }
                 return Ending::Below;
             }
             let Some((entering, violation)) = self.entering(rows, skip) else {
+                if self.is_worn() && self.refresh(rows, w) {
+                    continue;
+                }
                 return Ending::Optimal;
             };
             // w·z is the bound, at every basis.
@@ -187,6 +196,10 @@ impl DualSimplex {
                 return Ending::Stopped;
             }
         }
+    }
+
+    fn is_worn(&self) -> bool {
+        self.since_fresh > WORN
     }
 
     /// The vertex.

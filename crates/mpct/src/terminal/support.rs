@@ -19,9 +19,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// A support up to 1 + this counts as at most 1. The terminal horizons of the paper's cases do not change for any
 /// tolerance between 0 and 1e-6; without it, rows whose support is exactly 1 would never be spent.
 pub(super) const SPENT_TOLERANCE: f64 = 1e-9;
-/// Most that may be left to a box that proves nothing. It is 1e7 times as wide as the set, so that rounding leaves
-/// 1e-9 of it, which is 1e-16 of the set.
-const ARTIFICIAL_TOLERANCE: f64 = 1e-7;
+/// Factors by which a box that does not hold O is widened when it stops a program.
+const WIDENINGS: [f64; 3] = [1.0, 1e2, 1e4];
 /// Below this many variables the whole program is solved at once.
 const WHOLE: usize = 20;
 /// Share of the objective left out of the first choice of variables, before anything is known.
@@ -228,14 +227,33 @@ impl<'a> Support<'a> {
         {
             return Ok(verdict);
         }
-        self.programs.fetch_add(1, Ordering::Relaxed);
-        let answer = scene.solve_whole(ws, query);
-        judged(&answer, lost).ok_or_else(|| DesignError::Solver {
+        // Where the box does not hold O it must not stop the program short: it is widened until it no longer does, or
+        // until a witness turns up.
+        let valid = scene.bank.valid.iter().all(|&v| v);
+        let widenings = if valid {
+            &WIDENINGS[..1]
+        } else {
+            &WIDENINGS[..]
+        };
+        let (mut bounds, mut artificial) = ([0.0; 2], 0.0);
+        for &widening in widenings {
+            self.programs.fetch_add(1, Ordering::Relaxed);
+            let answer = scene.solve_whole(ws, query, widening);
+            if let Some(verdict) = judged(&answer, lost) {
+                return Ok(verdict);
+            }
+            bounds = [answer.value, answer.support + lost];
+            artificial = answer.artificial;
+        }
+        if artificial > SPENT_TOLERANCE {
+            // However wide the box, it stops the program: no constraint does, and the support has no bound.
+            return Ok(Verdict::NotSpent(f64::INFINITY));
+        }
+        Err(DesignError::Solver {
             what: "a support of the terminal set".into(),
             detail: format!(
-                "its proved bounds {:.12} and {:.12} do not decide against 1",
-                answer.value,
-                answer.support + lost
+                "its proved bounds {:.12} and {:.12} do not decide against 1 (share of the box: {artificial:.3e})",
+                bounds[0], bounds[1]
             ),
         })
     }
@@ -353,8 +371,7 @@ impl<'a> Support<'a> {
 fn judged(answer: &Answer, lost: f64) -> Option<Verdict> {
     if answer.stopped {
         Some(Verdict::Stopped)
-    } else if answer.artificial <= ARTIFICIAL_TOLERANCE
-        && answer.support + lost <= 1.0 + SPENT_TOLERANCE
+    } else if answer.artificial <= SPENT_TOLERANCE && answer.support + lost <= 1.0 + SPENT_TOLERANCE
     {
         Some(Verdict::Spent)
     } else if answer.value - lost > 1.0 + SPENT_TOLERANCE {

@@ -27,7 +27,10 @@ mod writer;
 
 pub use error::FileError;
 
-use super::{Constraints, Formulation, Plant, Problem, Task, Weights};
+use super::{
+    Constraints, Formulation, Labels, NoTerminalConstraint, Plant, Problem, Task, TerminalCost,
+    Weights,
+};
 use crate::control::SetPoint;
 use crate::matrix::{Matrix, SparseMatrix};
 use crate::simulation::{Disturbance, ScheduledSetPoint, Simulation};
@@ -219,6 +222,10 @@ fn problem(root: &Section<'_>) -> Result<Problem, FileError> {
     section.only(&[
         "task",
         "formulation",
+        "horizon_extension",
+        "gamma",
+        "alpha",
+        "terminal_cost",
         "prediction_horizon",
         "scaling",
         "gain",
@@ -233,9 +240,39 @@ fn problem(root: &Section<'_>) -> Result<Problem, FileError> {
     let formulations = [
         ("implicit", Formulation::Implicit),
         ("explicit", Formulation::Explicit),
+        ("no_terminal_constraint", Formulation::NoTerminalConstraint),
     ];
     if let Some(formulation) = section.choice("formulation", &formulations)? {
         problem = problem.with_formulation(formulation);
+    }
+    let section_3_5 = [
+        section.whole("horizon_extension")?.map(|v| v as f64),
+        section.number("gamma")?,
+        section.number("alpha")?,
+    ];
+    if problem.formulation() == Formulation::NoTerminalConstraint {
+        let steps = section.need_whole(
+            "horizon_extension",
+            "the steps of the terminal law after the prediction horizon, fewer than the terminal horizon",
+        )?;
+        let mut choices = NoTerminalConstraint::new(steps, section_3_5[1].unwrap_or(1.0))?;
+        if let Some(alpha) = section_3_5[2] {
+            choices = choices.with_alpha(alpha)?;
+        }
+        problem = problem.with_no_terminal_constraint(choices);
+    } else if let Some(k) = section_3_5.iter().position(Option::is_some) {
+        return Err(FileError::WrongType {
+            key: section.key(["horizon_extension", "gamma", "alpha"][k]),
+            expected: "formulation = \"no_terminal_constraint\" beside it".into(),
+            found: "another formulation".into(),
+        });
+    }
+    let costs = [
+        ("exact", TerminalCost::Exact),
+        ("implicit", TerminalCost::Implicit),
+    ];
+    if let Some(cost) = section.choice("terminal_cost", &costs)? {
+        problem = problem.with_terminal_cost(cost);
     }
     if let Some(steps) = section.whole("prediction_horizon")? {
         problem = problem.with_prediction_horizon(steps)?;
@@ -250,7 +287,17 @@ fn problem(root: &Section<'_>) -> Result<Problem, FileError> {
 }
 
 fn plant(section: &Section<'_>) -> Result<Plant, FileError> {
-    section.only(&["A", "B", "continuous", "sampling_time", "operating_point"])?;
+    section.only(&[
+        "A",
+        "B",
+        "continuous",
+        "sampling_time",
+        "operating_point",
+        "state_names",
+        "state_units",
+        "input_names",
+        "input_units",
+    ])?;
     let a = section.need_matrix("A", "the matrix A of x+ = A x + B u, n x n")?;
     let b = section.need_matrix("B", "the matrix B of x+ = A x + B u, n x m")?;
     let sampling_time = section.number("sampling_time")?;
@@ -274,7 +321,13 @@ fn plant(section: &Section<'_>) -> Result<Plant, FileError> {
         let input = at.vector("input")?.unwrap_or_else(|| vec![0.0; m]);
         plant = plant.with_operating_point(state, input)?;
     }
-    Ok(plant)
+    let texts = |name: &str| Ok::<_, FileError>(section.texts(name)?.unwrap_or_default());
+    Ok(plant.with_labels(Labels {
+        state_names: texts("state_names")?,
+        state_units: texts("state_units")?,
+        input_names: texts("input_names")?,
+        input_units: texts("input_units")?,
+    })?)
 }
 
 fn constraints(section: &Section<'_>, n: usize, m: usize) -> Result<Constraints, FileError> {
@@ -345,4 +398,50 @@ fn simulation(section: &Section<'_>, problem: &Problem) -> Result<Simulation, Fi
     };
     simulation.check(problem.plant().states(), problem.plant().inputs())?;
     Ok(simulation)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const PROBLEM: &str = r#"
+        [plant]
+        A = [[0.5]]
+        B = [[1.0]]
+        state_names = ["level \"1\""]
+        state_units = ["m"]
+        input_names = ["pump"]
+        [constraints]
+        state_lower = [-1.0]
+        state_upper = [1.0]
+        [weights]
+        Q = 1.0
+        R = 1.0
+        O = 1.0
+    "#;
+
+    #[test]
+    fn labels_are_read_and_written() {
+        let file = ProblemFile::parse(PROBLEM, Path::new(".")).unwrap();
+        let labels = file.problem.plant().labels();
+        assert_eq!(labels.state_names, ["level \"1\""]);
+        assert!(labels.input_units.is_empty());
+        assert_eq!(
+            ProblemFile::parse(&file.to_toml(), Path::new(".")).unwrap(),
+            file
+        );
+    }
+
+    #[test]
+    fn labels_of_wrong_length_or_kind_are_refused() {
+        for (from, to, part) in [
+            (r#"["m"]"#, r#"["m", "s"]"#, "plant.state_units: expected 1"),
+            (r#"["m"]"#, "[1]", "plant.state_units[0]"),
+            (r#"["m"]"#, r#""m""#, "a list of texts"),
+        ] {
+            let text = PROBLEM.replace(from, to);
+            let error = ProblemFile::parse(&text, Path::new(".")).unwrap_err();
+            assert!(error.to_string().contains(part), "{error}");
+        }
+    }
 }

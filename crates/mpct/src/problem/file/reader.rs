@@ -138,6 +138,22 @@ impl<'a> Section<'a> {
         }
     }
 
+    pub(super) fn texts(&self, name: &str) -> Found<Vec<String>> {
+        match self.table.get(name) {
+            None => Ok(None),
+            Some(Value::Array(list)) => list
+                .iter()
+                .enumerate()
+                .map(|(i, v)| match v {
+                    Value::String(s) => Ok(s.clone()),
+                    other => Err(self.wrong(&format!("{name}[{i}]"), "a text in quotes", other)),
+                })
+                .collect::<Result<_, _>>()
+                .map(Some),
+            Some(other) => Err(self.wrong(name, "a list of texts in quotes", other)),
+        }
+    }
+
     /// A text that is one of the given.
     pub(super) fn choice<T: Copy>(&self, name: &str, choices: &[(&str, T)]) -> Found<T> {
         let Some(text) = self.text(name)? else {

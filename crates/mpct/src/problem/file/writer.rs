@@ -2,7 +2,7 @@
 
 use super::ProblemFile;
 use crate::matrix::SparseMatrix;
-use crate::problem::{Formulation, Task};
+use crate::problem::{Formulation, Task, TerminalCost};
 use std::fmt::Write;
 
 /// Below this share of entries the sparse form of a matrix is shorter.
@@ -109,6 +109,18 @@ pub(super) fn write(file: &ProblemFile) -> String {
             ),
         );
     }
+    let labels = plant.labels();
+    for (key, texts) in [
+        ("state_names", &labels.state_names),
+        ("state_units", &labels.state_units),
+        ("input_names", &labels.input_names),
+        ("input_units", &labels.input_units),
+    ] {
+        if !texts.is_empty() {
+            let items = texts.iter().cloned().map(toml::Value::String).collect();
+            line(key, toml::Value::Array(items).to_string());
+        }
+    }
     let constraints = problem.constraints();
     let (sl, su) = constraints.state_limits();
     let (il, iu) = constraints.input_limits();
@@ -135,8 +147,19 @@ pub(super) fn write(file: &ProblemFile) -> String {
     let formulation = match problem.formulation() {
         Formulation::Implicit => "\"implicit\"",
         Formulation::Explicit => "\"explicit\"",
+        Formulation::NoTerminalConstraint => "\"no_terminal_constraint\"",
     };
     line("formulation", formulation.into());
+    if let Some(choices) = problem.no_terminal_constraint() {
+        line("horizon_extension", choices.horizon_extension().to_string());
+        line("gamma", number(choices.gamma()));
+        if let Some(alpha) = choices.alpha() {
+            line("alpha", number(alpha));
+        }
+    }
+    if problem.terminal_cost() == TerminalCost::Implicit {
+        line("terminal_cost", "\"implicit\"".into());
+    }
     line(
         "prediction_horizon",
         problem.prediction_horizon().to_string(),

@@ -1,0 +1,105 @@
+//! One file a subcommand.
+
+pub mod check;
+pub mod compare;
+pub mod design;
+pub mod example;
+pub mod reproduce;
+pub mod scaling;
+pub mod simulate;
+pub mod sweep;
+
+use crate::arguments::Limits;
+use crate::failure::Failure;
+use crate::output::Waiting;
+use mpct::{DesignOptions, Problem, ProblemFile, Progress, SparseMatrix, TerminalIngredients};
+use std::ops::ControlFlow;
+use std::path::Path;
+use std::time::Duration;
+
+/// Reads a problem file; messages name it.
+pub fn read(path: &Path) -> Result<ProblemFile, Failure> {
+    ProblemFile::read(path).map_err(|e| Failure::from(e).in_file(path))
+}
+
+/// Designs with a progress bar.
+pub fn design_with_progress(
+    problem: &Problem,
+    limits: &Limits,
+) -> Result<TerminalIngredients, Failure> {
+    let waiting = Waiting::new("terminal horizon", None);
+    let progress = |p: &Progress| {
+        if p.rows_total > 0 {
+            waiting.total(p.rows_total as u64);
+        }
+        let message = format!(
+            "{} rows settled, the horizon is at least {}",
+            p.rows_done, p.terminal_horizon_at_least
+        );
+        waiting.at(p.rows_done as u64, message);
+        ControlFlow::Continue(())
+    };
+    let options = DesignOptions {
+        condition: limits.condition.into(),
+        max_horizon: limits.max_horizon,
+        time_limit: limits.time_limit.map(Duration::from_secs_f64),
+        progress: Some(&progress),
+    };
+    Ok(TerminalIngredients::design(problem, &options)?)
+}
+
+/// A matrix as a list of rows, for JSON.
+pub fn rows(m: &SparseMatrix) -> serde_json::Value {
+    serde_json::json!(m.to_dense())
+}
+
+/// What a problem is, in one line.
+pub fn headline(problem: &Problem) -> String {
+    let name = if problem.name().is_empty() {
+        "problem"
+    } else {
+        problem.name()
+    };
+    let plant = problem.plant();
+    let time = plant
+        .sampling_time()
+        .map_or(String::new(), |t| format!(", sampled every {t} s"));
+    format!(
+        "{name}: {} states, {} inputs, {} constraint rows{time}",
+        plant.states(),
+        plant.inputs(),
+        problem.rows().len()
+    )
+}
+
+/// A duration for people.
+pub fn duration(seconds: f64) -> String {
+    if seconds < 1e-3 {
+        format!("{:.1} us", 1e6 * seconds)
+    } else if seconds < 1.0 {
+        format!("{:.2} ms", 1e3 * seconds)
+    } else {
+        format!("{seconds:.2} s")
+    }
+}
+
+/// A short vector for people; long ones are cut.
+pub fn vector(v: &[f64]) -> String {
+    // Adding zero turns -0 into 0.
+    let items: Vec<String> = v
+        .iter()
+        .take(12)
+        .map(|x| format!("{:.6}", x + 0.0))
+        .collect();
+    let items: Vec<&str> = items
+        .iter()
+        .map(|s| s.trim_end_matches('0').trim_end_matches('.'))
+        .map(|s| if s == "-0" { "0" } else { s })
+        .collect();
+    let more = if v.len() > 12 {
+        format!(", … ({} in all)", v.len())
+    } else {
+        String::new()
+    };
+    format!("[{}{more}]", items.join(", "))
+}

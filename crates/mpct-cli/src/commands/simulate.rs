@@ -1,0 +1,229 @@
+//! `mpct simulate`: design, closed loop, report and trajectories.
+
+use crate::arguments::Simulate;
+use crate::commands::{design_with_progress, duration, headline, read, vector};
+use crate::failure::{Class, Failure};
+use crate::output::{OutputFile, Waiting, print, print_json};
+use crate::report::{ReportData, choose, picture, render};
+use mpct::{Controller, Run, Simulation, SimulationError, StepStatus, TerminalIngredients};
+use serde_json::json;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+pub fn run(arguments: &Simulate) -> Result<(), Failure> {
+    let file = read(&arguments.file)?;
+    let mut simulation = file.simulation.clone().ok_or_else(|| {
+        Failure::new(
+            Class::Input,
+            "missing key `simulation`: what to simulate (initial_state, steps, setpoint)",
+        )
+        .in_file(&arguments.file)
+    })?;
+    if let Some(steps) = arguments.steps {
+        simulation.steps = steps;
+    }
+    let report = output(arguments, arguments.report.as_deref(), "html")?;
+    let csv = output(arguments, arguments.csv.as_deref(), "csv")?;
+    let drawing = match &arguments.picture {
+        Some(path) => {
+            let choice = choose(&file.problem, &arguments.signals)
+                .map_err(|message| Failure::new(Class::Input, message))?;
+            Some((OutputFile::open(path)?, choice))
+        }
+        None => None,
+    };
+    let mut problem = file.problem;
+    if let Some(formulation) = arguments.formulation {
+        problem = problem.with_formulation(formulation.into());
+    }
+    let ingredients = design_with_progress(&problem, &arguments.limits)
+        .map_err(|f| f.in_file(&arguments.file))?;
+    let mut controller = Controller::new(ingredients)?;
+    let run = {
+        let waiting = Waiting::new("closed loop", Some(simulation.steps as u64));
+        mpct::simulate(
+            &mut controller,
+            &simulation,
+            Some(&|done| waiting.at(done as u64, String::new())),
+        )
+    };
+    let run = match run {
+        Ok(run) => run,
+        Err(error) => {
+            // What was done before the failing step is worth having.
+            if let (SimulationError::Step { run, .. }, Some(csv)) = (&error, csv)
+                && !run.steps.is_empty()
+            {
+                let path = csv.write(&trajectories(run)?)?;
+                eprintln!(
+                    "the {} steps before the error are in {}",
+                    run.steps.len(),
+                    path.display()
+                );
+            }
+            return Err(Failure::from(error).in_file(&arguments.file));
+        }
+    };
+    let mut written = Vec::new();
+    if report.is_some() || drawing.is_some() {
+        let data = ReportData::new(controller.ingredients(), &run)
+            .with_disturbance(simulation.disturbance.is_some());
+        if let Some(report) = report {
+            written.push(("report", report.write(render(&data).as_bytes())?));
+        }
+        if let Some((file, choice)) = drawing {
+            written.push(("picture", file.write(picture(&data, &choice).as_bytes())?));
+        }
+    }
+    if let Some(csv) = csv {
+        written.push(("trajectories", csv.write(&trajectories(&run)?)?));
+    }
+    if arguments.json {
+        return print_json(&json!({
+            "terminal_horizon": controller.ingredients().terminal_horizon(),
+            "steps": run.steps,
+            "summary": run.summary,
+        }));
+    }
+    print(&summary(
+        controller.ingredients(),
+        &simulation,
+        &run,
+        &written,
+    ))
+}
+
+/// The file for a kind of output, unless none is wanted. Its place is tried before the work begins.
+fn output(
+    arguments: &Simulate,
+    named: Option<&Path>,
+    extension: &str,
+) -> Result<Option<OutputFile>, Failure> {
+    let path = match named {
+        Some(path) => path.to_path_buf(),
+        None if arguments.no_files || arguments.json => return Ok(None),
+        None => {
+            let stem = arguments.file.file_stem().unwrap_or("mpct".as_ref());
+            PathBuf::from(stem).with_extension(extension)
+        }
+    };
+    OutputFile::open(&path).map(Some)
+}
+
+/// The run as CSV, one line a step.
+fn trajectories(run: &Run) -> Result<Vec<u8>, Failure> {
+    let failed = |e: csv::Error| Failure::new(Class::Io, format!("cannot write CSV: {e}"));
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    if let Some(first) = run.steps.first() {
+        let names = |what: &str, n: usize| {
+            (0..n)
+                .map(move |i| format!("{what}[{i}]"))
+                .collect::<Vec<_>>()
+        };
+        let mut header = vec!["k".to_string()];
+        header.extend(names("x", first.x.len()));
+        header.extend(names("u", first.u.len()));
+        header.extend(names("artificial_state", first.artificial_state.len()));
+        header.extend(names("artificial_input", first.artificial_input.len()));
+        header.extend(names("setpoint", first.setpoint.len()));
+        header.extend(
+            [
+                "cost",
+                "offset_cost",
+                "admissible",
+                "status",
+                "iterations",
+                "solve_seconds",
+            ]
+            .map(String::from),
+        );
+        writer.write_record(&header).map_err(failed)?;
+    }
+    for step in &run.steps {
+        let mut record = vec![step.k.to_string()];
+        for part in [
+            &step.x,
+            &step.u,
+            &step.artificial_state,
+            &step.artificial_input,
+            &step.setpoint,
+        ] {
+            record.extend(part.iter().map(|v| v.to_string()));
+        }
+        record.extend([
+            step.cost.to_string(),
+            step.offset_cost.to_string(),
+            step.admissible.to_string(),
+            step.status.to_string(),
+            step.iterations.to_string(),
+            step.solve_seconds.to_string(),
+        ]);
+        writer.write_record(&record).map_err(failed)?;
+    }
+    writer
+        .into_inner()
+        .map_err(|e| Failure::new(Class::Io, format!("cannot write CSV: {e}")))
+}
+
+fn summary(
+    ingredients: &TerminalIngredients,
+    simulation: &Simulation,
+    run: &Run,
+    written: &[(&str, PathBuf)],
+) -> String {
+    let mut text = headline(ingredients.problem()) + "\n";
+    let figures = &run.summary;
+    let mut line = |what: &str, value: String| {
+        let _ = writeln!(text, "  {what:<22} {value}");
+    };
+    line(
+        "terminal horizon",
+        format!(
+            "{} ({} condition, found in {})",
+            ingredients.terminal_horizon(),
+            ingredients.condition(),
+            duration(ingredients.elapsed().as_secs_f64())
+        ),
+    );
+    line("steps", run.steps.len().to_string());
+    line(
+        "cumulative cost",
+        format!("{:.6e}", figures.cumulative_cost),
+    );
+    line(
+        "worst violation",
+        format!("{:.1e}", figures.worst_violation),
+    );
+    let changes: Vec<&mpct::RunStep> = run
+        .steps
+        .iter()
+        .filter(|s| s.k == 0 || simulation.set_points.iter().any(|p| p.from_step == s.k))
+        .collect();
+    let admissible = changes.iter().filter(|s| s.admissible).count();
+    line(
+        "set-points",
+        format!("{} ({admissible} admissible)", changes.len()),
+    );
+    let candidates = run
+        .steps
+        .iter()
+        .filter(|s| s.status != StepStatus::Optimal)
+        .count();
+    if candidates > 0 {
+        line("shifted candidates", candidates.to_string());
+    }
+    line(
+        "time a step",
+        format!(
+            "{} mean, {} largest",
+            duration(figures.mean_solve_seconds),
+            duration(figures.max_solve_seconds)
+        ),
+    );
+    line("final state", vector(&figures.final_state));
+    line("final artificial", vector(&figures.final_artificial_state));
+    for (what, path) in written {
+        line(what, path.display().to_string());
+    }
+    text
+}

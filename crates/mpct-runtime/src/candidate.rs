@@ -1,0 +1,63 @@
+//! The plan that is always there: the shifted candidate (32).
+//!
+//! In the variables `z = (c, θ)` it reads `c⁺ = (c_1, …, c_{N−1}, 0)`, `θ⁺ = θ`. At the predicted state it satisfies every row
+//! (Theorem 3) and costs less than the last solution (Theorem 4). At another state it is checked first.
+
+use crate::dense::{axpy, dot};
+use crate::{Scalar, Tables};
+
+/// Shifts a plan of inputs `c_0 … c_{N−1}` by one stage, in place.
+pub(crate) fn shift_plan<T: Scalar>(plan: &mut [T], inputs: usize) {
+    let horizon_end = plan.len() - inputs;
+    if horizon_end >= inputs {
+        plan.copy_within(inputs..horizon_end, 0);
+        plan[horizon_end - inputs..horizon_end].fill(T::ZERO);
+    }
+}
+
+/// Largest `Gᵢz − bᵢ(x)` in units of right-hand sides, not below 0. +∞ when a row is not finite.
+pub(crate) fn violation<T: Scalar>(tables: &Tables<'_, T>, x: &[T], z: &[T]) -> T {
+    let mut largest = T::ZERO;
+    for row in 0..tables.dims.rows {
+        let q = tables.residual(row, x, z) / tables.scale[row];
+        if !q.is_finite() {
+            return T::INFINITY;
+        }
+        largest = largest.max(q);
+    }
+    largest
+}
+
+/// Moves a feasible `plan` towards `z` as far as all rows allow.
+///
+/// When a dual method is cut short, `z` violates rows but its cost is a lower bound of the optimum. The cost is convex,
+/// so every point between costs no more than `plan`: half a solution is not lost.
+/// Writes `z − plan` into `direction`; returns the step in `[0, 1]`.
+pub(crate) fn advance<T: Scalar>(
+    tables: &Tables<'_, T>,
+    x: &[T],
+    z: &[T],
+    plan: &mut [T],
+    direction: &mut [T],
+) -> T {
+    for ((d, &to), &from) in direction.iter_mut().zip(z).zip(plan.iter()) {
+        *d = to - from;
+    }
+    let mut t = T::ONE;
+    for row in 0..tables.dims.rows {
+        let rise = dot(tables.g_row(row), direction);
+        let slack = -tables.residual(row, x, plan);
+        if rise > T::ZERO {
+            if !(slack > T::ZERO) {
+                return T::ZERO;
+            }
+            if slack < t * rise {
+                t = slack / rise;
+            }
+        } else if !(rise <= T::ZERO) {
+            return T::ZERO;
+        }
+    }
+    axpy(t, direction, plan);
+    t
+}

@@ -1,0 +1,114 @@
+//! The few dense kernels everything else is made of.
+//!
+//! Four running sums per product: the order of additions is fixed by the source, so results have the same bits
+//! everywhere, and the compiler is free to use vector registers.
+
+use crate::Scalar;
+
+const LANES: usize = 4;
+
+/// `aᵀb` over the shorter length.
+#[inline(always)]
+pub(crate) fn dot<T: Scalar>(a: &[T], b: &[T]) -> T {
+    let mut sums = [T::ZERO; LANES];
+    let (a4, b4) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
+    let mut rest = T::ZERO;
+    if a.len() == b.len() {
+        for (&p, &q) in a4.remainder().iter().zip(b4.remainder()) {
+            rest += p * q;
+        }
+    } else {
+        let shorter = if a.len() < b.len() { a.len() } else { b.len() };
+        return dot(&a[..shorter], &b[..shorter]);
+    }
+    for (p, q) in a4.zip(b4) {
+        for lane in 0..LANES {
+            sums[lane] += p[lane] * q[lane];
+        }
+    }
+    ((sums[0] + sums[2]) + (sums[1] + sums[3])) + rest
+}
+
+/// `y += s·x`.
+#[inline(always)]
+pub(crate) fn axpy<T: Scalar>(s: T, x: &[T], y: &mut [T]) {
+    for (yi, &xi) in y.iter_mut().zip(x) {
+        *yi += s * xi;
+    }
+}
+
+/// `y += A x`, `A` row-major with `x.len()` columns.
+#[inline]
+pub(crate) fn gemv_add<T: Scalar>(a: &[T], x: &[T], y: &mut [T]) {
+    if x.is_empty() {
+        return;
+    }
+    for (yi, row) in y.iter_mut().zip(a.chunks_exact(x.len())) {
+        *yi += dot(row, x);
+    }
+}
+
+/// `y += U x`, `U` upper triangular, rows packed one after the other (row `k` has `n − k` entries).
+#[inline]
+pub(crate) fn upper_mul_add<T: Scalar>(u: &[T], x: &[T], y: &mut [T]) {
+    let mut rest = u;
+    for k in 0..x.len().min(y.len()) {
+        let (row, tail) = rest.split_at(x.len() - k);
+        y[k] += dot(row, &x[k..]);
+        rest = tail;
+    }
+}
+
+/// `y = Uᵀ x` with the same `U`: the row vector `xᵀU`.
+#[inline]
+pub(crate) fn upper_transpose_mul<T: Scalar>(u: &[T], x: &[T], y: &mut [T]) {
+    y.fill(T::ZERO);
+    let mut rest = u;
+    for k in 0..x.len().min(y.len()) {
+        let (row, tail) = rest.split_at(x.len() - k);
+        // Rows of early stages have many exact zeros.
+        if x[k] != T::ZERO {
+            axpy(x[k], row, &mut y[k..]);
+        }
+        rest = tail;
+    }
+}
+
+/// Largest absolute value; +∞ when any entry is not finite.
+#[inline]
+pub(crate) fn max_abs<T: Scalar>(x: &[T]) -> T {
+    let mut largest = T::ZERO;
+    for &v in x {
+        if !v.is_finite() {
+            return T::INFINITY;
+        }
+        largest = largest.max(v.abs());
+    }
+    largest
+}
+
+/// Whether every entry is finite: `0 · v` is 0 for finite `v` and NaN otherwise.
+#[inline]
+pub(crate) fn all_finite<T: Scalar>(x: &[T]) -> bool {
+    let mut sum = T::ZERO;
+    for &v in x {
+        sum += T::ZERO * v;
+    }
+    sum == T::ZERO
+}
+
+/// Upper bound of `‖a − b‖₂`.
+#[inline]
+pub(crate) fn distance_upper<T: Scalar>(a: &[T], b: &[T]) -> T {
+    let mut sums = [T::ZERO; LANES];
+    let (a4, b4) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
+    for (&p, &q) in a4.remainder().iter().zip(b4.remainder()) {
+        sums[0] += (p - q) * (p - q);
+    }
+    for (p, q) in a4.zip(b4) {
+        for lane in 0..LANES {
+            sums[lane] += (p[lane] - q[lane]) * (p[lane] - q[lane]);
+        }
+    }
+    ((sums[0] + sums[2]) + (sums[1] + sums[3])).sqrt_upper()
+}

@@ -1,0 +1,321 @@
+//! Everything about the problem that never changes, in one borrowed slice.
+//!
+//! ```text
+//! min ½ zᵀHz + f(x, r)ᵀz   s.t.  G z ≤ b(x),     f = F_x x + F_r r,   b = 1 + W x,   u = K x + L θ + c_0
+//! z = (c_0, …, c_{N−1}, θ)
+//! ```
+//!
+//! With `H = RᵀR` and `w = R (z + H⁻¹f)` this is a least-distance problem: `min ½ |w|²  s.t.  M w ≤ b + G H⁻¹f`, `M = G R⁻¹`. The tables hold `R⁻¹`; the rows of `M` are formed when a row becomes
+//! active, so that `G` is stored once only.
+//!
+//! Every row of `(G, W, 1)` is multiplied by a power of two that brings its row of `M` to a length in `[1, 2)`.
+//! Powers of two are exact: the stored rows *are* the rows of the problem.
+
+use crate::dense::{all_finite, dot, max_abs};
+use crate::{Dims, Scalar};
+
+/// The constant data of one controller, borrowed. See the module text for the formulas.
+///
+/// Made by [`prepare`](crate::prepare) or, from an array in flash, by [`Tables::from_slice`].
+///
+/// ```
+/// use mpct_runtime::{prepare, Dims, QpData, Tables};
+/// const DIMS: Dims = Dims { states: 1, inputs: 1, horizon: 1, set_point: 2, rows: 2, input_rows: 2 };
+/// let data = QpData {
+///     dims: DIMS,
+///     hessian: &[2.0, 0.0, 0.0, 4.0],
+///     linear_state: &[1.0, 0.0],
+///     linear_set_point: &[0.0, 0.0, -4.0, 0.0],
+///     rows: &[1.0, 0.5, -1.0, -0.5],
+///     rows_state: &[0.3, -0.3],
+///     gain: &[-0.3],
+///     feedforward: &[0.5],
+///     input_rows: &[1.0, -1.0],
+/// };
+/// let mut buffer = [0.0_f64; DIMS.tables_len()];
+/// let mut scratch = [0.0; DIMS.prepare_len()];
+/// let tables = prepare(&data, &mut buffer, &mut scratch).unwrap();
+/// assert_eq!(tables.dims().variables(), 2);
+/// // The same from an exported array:
+/// let exported: [f64; DIMS.tables_len()] = buffer;
+/// assert!(Tables::from_slice(DIMS, &exported).is_ok());
+/// assert!(Tables::from_slice(DIMS, &exported[1..]).is_err());
+/// ```
+#[derive(Clone, Copy, Debug)]
+pub struct Tables<'a, T> {
+    pub(crate) dims: Dims,
+    /// `H`, `nz × nz`.
+    pub(crate) hessian: &'a [T],
+    /// `R⁻¹`, upper triangle by rows.
+    pub(crate) root_inverse: &'a [T],
+    /// `F_x`, `nz × n`.
+    pub(crate) linear_state: &'a [T],
+    /// `F_r`, `nz × nr`.
+    pub(crate) linear_set_point: &'a [T],
+    /// `G`, scaled, `rows × nz`.
+    pub(crate) g: &'a [T],
+    /// `W`, scaled, `rows × n`.
+    pub(crate) w: &'a [T],
+    /// The scales: powers of two.
+    pub(crate) scale: &'a [T],
+    /// Bound of how much a row moves per unit of `c`, of `θ` and of `x` (2-norms of the parts of the row, rounded up).
+    pub(crate) reach: [&'a [T]; 3],
+    /// The largest of each, per unit of right-hand side.
+    pub(crate) reach_max: [T; 3],
+    /// Largest `|H_jk|` in the rows of `c` and in the rows of `θ`.
+    pub(crate) hessian_max: [T; 2],
+    /// `K`, `m × n`.
+    pub(crate) gain: &'a [T],
+    /// `L`, `m × m`.
+    pub(crate) feedforward: &'a [T],
+    /// `E` of `U = {u : E u ≤ 1}`, `input_rows × m`.
+    pub(crate) input_rows: &'a [T],
+    /// Row index one stage earlier, or [`NO_ROW`].
+    pub(crate) shift: Option<&'a [u32]>,
+}
+
+/// What a check of tables found; see [`Tables::stamp`].
+#[derive(Clone, Copy, Debug)]
+pub struct TablesStamp<T> {
+    pub(crate) dims: Dims,
+    reach_max: [T; 3],
+    hessian_max: [T; 2],
+}
+
+/// "No row one stage earlier" in a shift map.
+pub const NO_ROW: u32 = u32::MAX;
+
+/// Why tables were refused.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum TableError {
+    /// A slice has the wrong length.
+    Length {
+        /// Which slice.
+        what: &'static str,
+        /// Length asked for.
+        expected: usize,
+        /// Length found.
+        found: usize,
+    },
+    /// A dimension is zero that must not be, or the sizes overflow.
+    Dimensions,
+    /// An entry is NaN or infinite.
+    NotFinite {
+        /// Which slice.
+        what: &'static str,
+        /// Position in it.
+        index: usize,
+    },
+    /// The Hessian is not positive definite: elimination met a pivot that is not positive.
+    NotPositiveDefinite {
+        /// Which pivot.
+        index: usize,
+        /// Its value.
+        pivot: f64,
+    },
+    /// A row scale is not a positive power of two, or a bound of movement is smaller than its row: damaged tables.
+    Damaged {
+        /// Which row.
+        row: usize,
+    },
+    /// A shift map names a row that does not exist.
+    Shift {
+        /// Position in the map.
+        row: usize,
+        /// What it says.
+        found: u32,
+    },
+}
+
+impl core::fmt::Display for TableError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match *self {
+            Self::Length {
+                what,
+                expected,
+                found,
+            } => write!(f, "{what} has length {found}, expected {expected}"),
+            Self::Dimensions => write!(f, "a dimension is zero or too large"),
+            Self::NotFinite { what, index } => write!(f, "{what}[{index}] is not finite"),
+            Self::NotPositiveDefinite { index, pivot } => {
+                write!(
+                    f,
+                    "the Hessian is not positive definite: pivot {index} is {pivot:e}"
+                )
+            }
+            Self::Damaged { row } => write!(f, "the tables of row {row} contradict each other"),
+            Self::Shift { row, found } => write!(
+                f,
+                "the shift map sends row {row} to {found}, which does not exist"
+            ),
+        }
+    }
+}
+
+impl core::error::Error for TableError {}
+
+impl<'a, T: Scalar> Tables<'a, T> {
+    /// Divides a slice of the right length.
+    fn lay_out(dims: Dims, slice: &'a [T]) -> Self {
+        let (n, m, nz, nr, rows) = (
+            dims.states,
+            dims.inputs,
+            dims.variables(),
+            dims.set_point,
+            dims.rows,
+        );
+        let mut rest = slice;
+        let mut take = |len: usize| {
+            let (head, tail) = rest.split_at(len);
+            rest = tail;
+            head
+        };
+        Self {
+            dims,
+            hessian: take(nz * nz),
+            root_inverse: take(nz * (nz + 1) / 2),
+            linear_state: take(nz * n),
+            linear_set_point: take(nz * nr),
+            g: take(rows * nz),
+            w: take(rows * n),
+            scale: take(rows),
+            reach: [take(rows), take(rows), take(rows)],
+            reach_max: [T::ZERO; 3],
+            hessian_max: [T::ZERO; 2],
+            gain: take(m * n),
+            feedforward: take(m * m),
+            input_rows: take(dims.input_rows * m),
+            shift: None,
+        }
+    }
+
+    /// Reads again a slice that [`Tables::from_slice`] has accepted, without checking its entries. Other tables give other
+    /// inputs, and the inputs of tables that are not finite are worth nothing, but nothing panics.
+    ///
+    /// Errors: the length.
+    pub fn reopen(stamp: TablesStamp<T>, slice: &'a [T]) -> Result<Self, TableError> {
+        if slice.len() != stamp.dims.tables_len() {
+            return Err(TableError::Length {
+                what: "tables",
+                expected: stamp.dims.tables_len(),
+                found: slice.len(),
+            });
+        }
+        let mut tables = Self::lay_out(stamp.dims, slice);
+        tables.reach_max = stamp.reach_max;
+        tables.hessian_max = stamp.hessian_max;
+        Ok(tables)
+    }
+
+    /// What a check of these tables found, for [`Tables::reopen`].
+    pub fn stamp(&self) -> TablesStamp<T> {
+        TablesStamp {
+            dims: self.dims,
+            reach_max: self.reach_max,
+            hessian_max: self.hessian_max,
+        }
+    }
+
+    /// Reads tables of length [`Dims::tables_len`], as written by [`prepare`](crate::prepare).
+    ///
+    /// Costs one pass over the rows, once. Errors: length, an entry that is not finite, damaged rows.
+    /// Example: see [`Tables`].
+    pub fn from_slice(dims: Dims, slice: &'a [T]) -> Result<Self, TableError> {
+        dims.check()?;
+        if slice.len() != dims.tables_len() {
+            return Err(TableError::Length {
+                what: "tables",
+                expected: dims.tables_len(),
+                found: slice.len(),
+            });
+        }
+        if let Some(index) = slice.iter().position(|v| !v.is_finite()) {
+            return Err(TableError::NotFinite {
+                what: "tables",
+                index,
+            });
+        }
+        let mut tables = Self::lay_out(dims, slice);
+        let (nz, m, rows) = (dims.variables(), dims.inputs, dims.rows);
+        let (of_c, of_theta) = tables.hessian.split_at((nz - m) * nz);
+        tables.hessian_max = [max_abs(of_c), max_abs(of_theta)];
+        for row in 0..rows {
+            let scale = tables.scale[row];
+            if !(scale > T::ZERO) || scale.inverse_power_of_two() * scale != T::ONE {
+                return Err(TableError::Damaged { row });
+            }
+            let (c, theta) = tables.g_row(row).split_at(nz - m);
+            for (part, group) in [c, theta, tables.w_row(row)].into_iter().enumerate() {
+                let reach = tables.reach[part][row];
+                if !(reach * reach >= dot(group, group)) {
+                    return Err(TableError::Damaged { row });
+                }
+                tables.reach_max[part] = tables.reach_max[part].max(reach / scale);
+            }
+        }
+        if !all_finite(&tables.reach_max) {
+            return Err(TableError::Dimensions);
+        }
+        Ok(tables)
+    }
+
+    /// The same tables with a shift map (length `rows`): entry `i` is the row that says one stage earlier what row `i` says,
+    /// or [`NO_ROW`]. With it the active set can be warm started from the shifted solution.
+    ///
+    /// Errors: length, a row that does not exist.
+    pub fn with_shift(mut self, shift: &'a [u32]) -> Result<Self, TableError> {
+        if shift.len() != self.dims.rows {
+            return Err(TableError::Length {
+                what: "shift map",
+                expected: self.dims.rows,
+                found: shift.len(),
+            });
+        }
+        for (row, &found) in shift.iter().enumerate() {
+            if found != NO_ROW && found as usize >= self.dims.rows {
+                return Err(TableError::Shift { row, found });
+            }
+        }
+        self.shift = Some(shift);
+        Ok(self)
+    }
+
+    /// The dimensions.
+    pub fn dims(&self) -> Dims {
+        self.dims
+    }
+
+    /// Row `row` of `G`, scaled by [`Tables::row_scale`]. Panics when the row does not exist.
+    pub fn g_row(&self, row: usize) -> &'a [T] {
+        let nz = self.dims.variables();
+        &self.g[row * nz..(row + 1) * nz]
+    }
+
+    /// Row `row` of `W`, scaled. Panics when the row does not exist.
+    pub fn w_row(&self, row: usize) -> &'a [T] {
+        let n = self.dims.states;
+        &self.w[row * n..(row + 1) * n]
+    }
+
+    /// The power of two that row `row` of `(G, W, 1)` was multiplied by. Panics when the row does not exist.
+    pub fn row_scale(&self, row: usize) -> T {
+        self.scale[row]
+    }
+
+    /// `H`, `nz × nz`, row-major.
+    pub fn hessian(&self) -> &'a [T] {
+        self.hessian
+    }
+
+    /// `Gᵢz − bᵢ(x)` of the scaled row: positive when violated.
+    #[inline(always)]
+    pub(crate) fn residual(&self, row: usize, x: &[T], z: &[T]) -> T {
+        dot(self.g_row(row), z) - self.bound(row, x)
+    }
+
+    /// `bᵢ(x)`, scaled.
+    #[inline(always)]
+    pub(crate) fn bound(&self, row: usize, x: &[T]) -> T {
+        self.scale[row] + dot(self.w_row(row), x)
+    }
+}
