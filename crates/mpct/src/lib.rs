@@ -9,6 +9,8 @@
 
 pub mod analysis;
 pub mod cases;
+pub mod certificate;
+mod clock;
 mod control;
 mod error;
 mod linalg;

@@ -108,6 +108,13 @@ pub(crate) fn solve(m: &Dense, b: &Dense) -> Dense {
     m.partial_piv_lu().solve(b)
 }
 
+/// M⁻¹, by LU with partial pivoting; `None` when M is singular to the last bit.
+pub(crate) fn inverse(m: &Dense) -> Option<Dense> {
+    use faer::linalg::solvers::DenseSolveCore;
+    let inverse = m.partial_piv_lu().inverse();
+    is_finite(&inverse).then_some(inverse)
+}
+
 /// X with M X = B for symmetric positive definite M.
 pub(crate) fn solve_positive(what: &str, m: &Dense, b: &Dense) -> Result<Dense, DesignError> {
     Ok(m.llt(Side::Lower)
