@@ -39,6 +39,7 @@ fn synthetic(n: usize, m: usize, steps: usize) -> ReportData {
         equation_3_residual: Some(3e-14),
         task: "tracking".into(),
         formulation: "implicit".into(),
+        extension: None,
         prediction_horizon: 5,
         terminal_horizon: 92,
         condition: "exact".into(),
@@ -261,6 +262,18 @@ fn a_picture_holds_what_was_chosen() {
     );
     let found = elements(&wrapped);
     assert_eq!(found.iter().filter(|e| *e == "g").count(), 2);
+}
+
+#[test]
+fn without_terminal_constraint_less_is_promised() {
+    let mut data = synthetic(2, 1, 80);
+    assert!(render(&data).contains("Theorem 3"));
+    data.design.extension = Some((3, 2.0));
+    let (page, _) = check(&data);
+    assert!(!page.contains("Theorem"));
+    assert!(page.contains("stability region Υ") && page.contains("M̄ = 3"));
+    data.steps[5].cost *= 100.0;
+    assert!(render(&data).contains("the theory excludes inside of Υ"));
 }
 
 #[test]
