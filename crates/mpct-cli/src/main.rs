@@ -26,9 +26,9 @@ fn main() -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            eprintln!("error: {}", failure.message);
+            output::note(&format!("error: {}", failure.message));
             if let Some(help) = failure.help {
-                eprintln!("help: {help}");
+                output::note(&format!("help: {help}"));
             }
             ExitCode::from(failure.class as u8)
         }

@@ -13,7 +13,10 @@ pub fn run(arguments: &Design) -> Result<(), Failure> {
     let ingredients = design_with_progress(&file.problem, &arguments.limits)
         .map_err(|f| f.in_file(&arguments.file))?;
     let terminal_rows = if arguments.explicit_set {
-        Some(ingredients.maximal_admissible_set()?.len())
+        let set = ingredients
+            .maximal_admissible_set()
+            .map_err(|e| Failure::from(e).in_file(&arguments.file))?;
+        Some(set.len())
     } else {
         None
     };

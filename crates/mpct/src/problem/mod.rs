@@ -68,6 +68,8 @@ pub struct Problem {
 pub const DEFAULT_SCALING: f64 = 0.9;
 /// N when none is stated.
 pub const DEFAULT_PREDICTION_HORIZON: usize = 10;
+/// Largest N. The program of a step is dense in N m variables; beyond this no memory holds it.
+pub const MAX_PREDICTION_HORIZON: usize = 10_000;
 
 impl Problem {
     /// A tracking problem with the default horizon and scaling.
@@ -153,13 +155,13 @@ impl Problem {
     /// # Errors
     /// [`DesignError::OutOfRange`].
     pub fn with_prediction_horizon(mut self, steps: usize) -> Result<Self, DesignError> {
-        if steps >= 1 {
+        if (1..=MAX_PREDICTION_HORIZON).contains(&steps) {
             self.prediction_horizon = steps;
             Ok(self)
         } else {
             Err(DesignError::OutOfRange {
                 what: "controller.prediction_horizon".into(),
-                expected: "a whole number of steps >= 1".into(),
+                expected: format!("a whole number of steps >= 1, at most {MAX_PREDICTION_HORIZON}"),
                 found: steps.to_string(),
             })
         }

@@ -26,6 +26,15 @@ fn number(v: f64) -> String {
     }
 }
 
+/// TOML integers end at 2^63 - 1; larger seeds stand in quotes.
+fn seed(seed: u64) -> String {
+    if i64::try_from(seed).is_ok() {
+        seed.to_string()
+    } else {
+        format!("\"{seed}\"")
+    }
+}
+
 fn list(values: &[f64]) -> String {
     let items: Vec<String> = values.iter().map(|&v| number(v)).collect();
     format!("[{}]", items.join(", "))
@@ -150,7 +159,9 @@ pub(super) fn write(file: &ProblemFile) -> String {
         Formulation::NoTerminalConstraint => "\"no_terminal_constraint\"",
     };
     line("formulation", formulation.into());
-    if let Some(choices) = problem.no_terminal_constraint() {
+    // Beside another formulation these keys are refused.
+    let section_3_5 = problem.formulation() == Formulation::NoTerminalConstraint;
+    if let Some(choices) = problem.no_terminal_constraint().filter(|_| section_3_5) {
         line("horizon_extension", choices.horizon_extension().to_string());
         line("gamma", number(choices.gamma()));
         if let Some(alpha) = choices.alpha() {
@@ -174,7 +185,7 @@ pub(super) fn write(file: &ProblemFile) -> String {
         if let Some(d) = &s.disturbance {
             line(
                 "disturbance",
-                format!("{{ bound = {}, seed = {} }}", list(&d.bound), d.seed),
+                format!("{{ bound = {}, seed = {} }}", list(&d.bound), seed(d.seed)),
             );
         }
         for p in &s.set_points {
