@@ -23,6 +23,8 @@ pub enum Command {
     Check(Check),
     /// Compute the gain, the terminal cost, the steady states and the terminal horizon
     Design(Design),
+    /// Check a certificate with code that shares nothing with the search
+    Verify(Verify),
     /// Design the controller and run its closed loop; writes a report (HTML) and the trajectories (CSV)
     Simulate(Simulate),
     /// Design and simulate for several scalings of the steady states
@@ -84,6 +86,21 @@ pub struct Design {
     /// Also compute the explicit terminal set without redundant rows
     #[arg(long)]
     pub explicit_set: bool,
+    /// Also write a proof of the design, which `mpct verify` checks
+    #[arg(long, value_name = "FILE")]
+    pub certificate: Option<PathBuf>,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct Verify {
+    /// The certificate, written by `mpct design --certificate`
+    pub file: PathBuf,
+    /// Check the claim even when the digest does not fit the file
+    #[arg(long)]
+    pub ignore_digest: bool,
     /// Print JSON
     #[arg(long)]
     pub json: bool,

@@ -16,6 +16,7 @@ fn main() -> ExitCode {
     let result = match arguments.command {
         Command::Check(a) => commands::check::run(&a),
         Command::Design(a) => commands::design::run(&a),
+        Command::Verify(a) => commands::verify::run(&a),
         Command::Simulate(a) => commands::simulate::run(&a),
         Command::Sweep(a) => commands::sweep::run(&a),
         Command::Scaling(a) => commands::scaling::run(&a),

@@ -8,6 +8,7 @@ pub mod reproduce;
 pub mod scaling;
 pub mod simulate;
 pub mod sweep;
+pub mod verify;
 
 use crate::arguments::Limits;
 use crate::failure::Failure;
