@@ -72,23 +72,15 @@ fn steps(slow: bool) -> Vec<Step> {
         Step::new("tests", &["test", "--workspace", "--all-targets"]),
         // Named apart because --all-targets leaves the examples in documentation out.
         Step::new("documented examples", &["test", "--workspace", "--doc"]),
-        Step::new(
-            "documentation",
-            &[
-                "doc",
-                "--workspace",
-                "--no-deps",
-                "--document-private-items",
-            ],
-        )
-        .with("RUSTDOCFLAGS", "-D warnings"),
+        Step::new("documentation", &["doc", "--workspace", "--no-deps"])
+            .with("RUSTDOCFLAGS", "-D warnings"),
     ];
     if slow {
         steps.insert(
             4,
             Step::new(
                 "slow tests",
-                &["test", "--workspace", "--", "--ignored", "slow"],
+                &["test", "--workspace", "--all-targets", "--", "--ignored"],
             ),
         );
     }

@@ -23,10 +23,18 @@ pub enum Command {
     Check(Check),
     /// Compute the gain, the terminal cost, the steady states and the terminal horizon
     Design(Design),
+    /// Check a certificate with code that shares nothing with the search
+    Verify(Verify),
     /// Design the controller and run its closed loop; writes a report (HTML) and the trajectories (CSV)
     Simulate(Simulate),
     /// Design and simulate for several scalings of the steady states
     Sweep(Sweep),
+    /// The smallest scaling that admits the set-points of a file, and the terminal horizon it costs
+    Scaling(Scaling),
+    /// Two problem files side by side: closed loops, costs, settling, margins, times
+    Compare(Compare),
+    /// Run section 4 of the paper: its tables and figures as one page and as data
+    Reproduce(Reproduce),
     /// Print the problem file of a case study
     Example(Example),
 }
@@ -78,6 +86,21 @@ pub struct Design {
     /// Also compute the explicit terminal set without redundant rows
     #[arg(long)]
     pub explicit_set: bool,
+    /// Also write a proof of the design, which `mpct verify` checks
+    #[arg(long, value_name = "FILE")]
+    pub certificate: Option<PathBuf>,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct Verify {
+    /// The certificate, written by `mpct design --certificate`
+    pub file: PathBuf,
+    /// Check the claim even when the digest does not fit the file
+    #[arg(long)]
+    pub ignore_digest: bool,
     /// Print JSON
     #[arg(long)]
     pub json: bool,
@@ -124,6 +147,8 @@ pub struct Simulate {
 pub enum Formulation {
     Implicit,
     Explicit,
+    #[value(name = "no_terminal_constraint", alias = "no-terminal-constraint")]
+    NoTerminalConstraint,
 }
 
 impl From<Formulation> for mpct::Formulation {
@@ -131,6 +156,7 @@ impl From<Formulation> for mpct::Formulation {
         match f {
             Formulation::Implicit => Self::Implicit,
             Formulation::Explicit => Self::Explicit,
+            Formulation::NoTerminalConstraint => Self::NoTerminalConstraint,
         }
     }
 }
@@ -147,6 +173,62 @@ pub struct Sweep {
     /// Print JSON
     #[arg(long)]
     pub json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct Scaling {
+    /// The problem file
+    pub file: PathBuf,
+    /// A set-point's state, comma separated, instead of the file's; may be repeated
+    #[arg(long, value_name = "NUMBERS", value_parser = numbers, allow_hyphen_values = true)]
+    pub set_point: Vec<Numbers>,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// A list of numbers in one argument.
+#[derive(Clone, Debug)]
+pub struct Numbers(pub Vec<f64>);
+
+fn numbers(text: &str) -> Result<Numbers, String> {
+    text.split(',')
+        .map(|t| {
+            t.trim()
+                .parse::<f64>()
+                .map_err(|_| format!("\"{t}\" is not a number"))
+        })
+        .collect::<Result<_, _>>()
+        .map(Numbers)
+}
+
+#[derive(Debug, Args)]
+pub struct Compare {
+    /// The first problem file
+    pub first: PathBuf,
+    /// The second problem file
+    pub second: PathBuf,
+    #[command(flatten)]
+    pub limits: Limits,
+    /// Simulate this many steps instead of the files'
+    #[arg(long, value_name = "STEPS", value_parser = at_least_one)]
+    pub steps: Option<usize>,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct Reproduce {
+    /// The folder for the page and the data; made if it is missing
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// All sizes of the paper, up to 200 carts; takes long
+    #[arg(long)]
+    pub full: bool,
+    /// A short form in seconds: three carts, fewer scalings
+    #[arg(long, conflicts_with = "full")]
+    pub short: bool,
 }
 
 #[derive(Debug, Args)]

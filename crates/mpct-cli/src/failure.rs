@@ -45,7 +45,8 @@ impl Failure {
 
     /// Names the file in front of the message.
     pub fn in_file(mut self, path: &Path) -> Self {
-        if self.class != Class::Io {
+        let name = path.display().to_string();
+        if self.class != Class::Io && !self.message.starts_with(&name) {
             self.message = format!("{}: {}", path.display(), self.message);
         }
         self
@@ -100,10 +101,11 @@ impl From<FileError> for Failure {
         match error {
             FileError::Problem(error) => error.into(),
             FileError::Unreadable { .. } => Self::new(Class::Io, error.to_string()),
-            FileError::NotText { .. } | FileError::TooLarge { .. } => {
-                Self::new(Class::Input, error.to_string())
-                    .help("`mpct example academic` prints a problem file")
-            }
+            FileError::TooLarge { .. } => Self::new(Class::Input, error.to_string()).help(
+                "write matrices with many zeros in sparse form, and large dense ones as CSV files",
+            ),
+            FileError::NotText { .. } => Self::new(Class::Input, error.to_string())
+                .help("`mpct example academic` prints a problem file"),
             other => Self::new(Class::Input, other.to_string()),
         }
     }

@@ -16,16 +16,20 @@ fn main() -> ExitCode {
     let result = match arguments.command {
         Command::Check(a) => commands::check::run(&a),
         Command::Design(a) => commands::design::run(&a),
+        Command::Verify(a) => commands::verify::run(&a),
         Command::Simulate(a) => commands::simulate::run(&a),
         Command::Sweep(a) => commands::sweep::run(&a),
+        Command::Scaling(a) => commands::scaling::run(&a),
+        Command::Compare(a) => commands::compare::run(&a),
+        Command::Reproduce(a) => commands::reproduce::run(&a),
         Command::Example(a) => commands::example::run(&a),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            eprintln!("error: {}", failure.message);
+            output::note(&format!("error: {}", failure.message));
             if let Some(help) = failure.help {
-                eprintln!("help: {help}");
+                output::note(&format!("help: {help}"));
             }
             ExitCode::from(failure.class as u8)
         }

@@ -7,7 +7,10 @@
 //! Data flow one way, and a later stage can only be built from an earlier one:
 //! [`Problem`] → `TerminalIngredients` → `Controller` → closed loop.
 
+pub mod analysis;
 pub mod cases;
+pub mod certificate;
+mod clock;
 mod control;
 mod error;
 mod linalg;
@@ -19,13 +22,15 @@ pub mod simulation;
 mod steady_state;
 pub mod terminal;
 
-pub use control::{AdmissibleSetPoint, CondensedQp, Controller, SetPoint, Step, StepStatus};
+pub use control::{
+    AdmissibleSetPoint, CondensedQp, Controller, ImplicitTerminalCost, SetPoint, Step, StepStatus,
+};
 pub use error::{DesignError, StepError};
 pub use matrix::{Matrix, SparseMatrix};
 pub use problem::file::{FileError, ProblemFile};
 pub use problem::{
-    Constraints, Formulation, Labels, OperatingPoint, Plant, Problem, RowSource, Task, Weight,
-    Weights,
+    Constraints, Formulation, Labels, NoTerminalConstraint, OperatingPoint, Plant, Problem,
+    RowSource, Task, TerminalCost, Weight, Weights,
 };
 pub use simulation::{
     Disturbance, Run, RunStep, ScheduledSetPoint, Simulation, SimulationError, Summary, simulate,

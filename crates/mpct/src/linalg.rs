@@ -69,6 +69,15 @@ pub(crate) fn smallest_symmetric_eigenvalue(
     Ok(values.into_iter().fold(f64::INFINITY, f64::min))
 }
 
+/// Symmetric eigendecomposition: eigenvalues ascending, eigenvectors in columns.
+pub(crate) fn symmetric_eigen(what: &str, m: &Dense) -> Result<(Vec<f64>, Dense), DesignError> {
+    let eigen = m
+        .self_adjoint_eigen(Side::Lower)
+        .map_err(|e| solver(what, format!("eigenvalues: {e:?}")))?;
+    let values = eigen.S().column_vector().iter().copied().collect();
+    Ok((values, eigen.U().to_owned()))
+}
+
 /// Eigenvalues of a square matrix, as (re, im).
 pub(crate) fn eigenvalues(what: &str, m: &Dense) -> Result<Vec<(f64, f64)>, DesignError> {
     let values = m
@@ -97,6 +106,13 @@ pub(crate) fn svd(what: &str, m: &Dense) -> Result<(Dense, Vec<f64>, Dense), Des
 /// X with M X = B, by LU with partial pivoting.
 pub(crate) fn solve(m: &Dense, b: &Dense) -> Dense {
     m.partial_piv_lu().solve(b)
+}
+
+/// M⁻¹, by LU with partial pivoting; `None` when M is singular to the last bit.
+pub(crate) fn inverse(m: &Dense) -> Option<Dense> {
+    use faer::linalg::solvers::DenseSolveCore;
+    let inverse = m.partial_piv_lu().inverse();
+    is_finite(&inverse).then_some(inverse)
 }
 
 /// X with M X = B for symmetric positive definite M.

@@ -11,7 +11,8 @@ use std::fmt::Write;
 pub fn run(arguments: &Check) -> Result<(), Failure> {
     let file = read(&arguments.file)?;
     let problem = &file.problem;
-    let assumption = mpct::terminal::check_assumption(problem).map_err(Failure::from)?;
+    let assumption = mpct::terminal::check_assumption(problem)
+        .map_err(|e| Failure::from(e).in_file(&arguments.file))?;
     let set_points = set_points(problem, &assumption.steady_states, &file)?;
     if arguments.json {
         return print_json(&json!({

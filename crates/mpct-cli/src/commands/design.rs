@@ -3,17 +3,28 @@
 use crate::arguments::Design;
 use crate::commands::{design_with_progress, duration, headline, read, rows};
 use crate::failure::Failure;
-use crate::output::{print, print_json};
+use crate::output::{OutputFile, print, print_json};
 use mpct::TerminalIngredients;
+use mpct::certificate::Certificate;
 use serde_json::json;
 use std::fmt::Write;
 
 pub fn run(arguments: &Design) -> Result<(), Failure> {
     let file = read(&arguments.file)?;
+    let certificate = match &arguments.certificate {
+        Some(path) => Some(OutputFile::open(path)?),
+        None => None,
+    };
     let ingredients = design_with_progress(&file.problem, &arguments.limits)
         .map_err(|f| f.in_file(&arguments.file))?;
+    if let Some(file) = certificate {
+        file.write(Certificate::of(&ingredients)?.to_json().as_bytes())?;
+    }
     let terminal_rows = if arguments.explicit_set {
-        Some(ingredients.maximal_admissible_set()?.len())
+        let set = ingredients
+            .maximal_admissible_set()
+            .map_err(|e| Failure::from(e).in_file(&arguments.file))?;
+        Some(set.len())
     } else {
         None
     };

@@ -1,10 +1,14 @@
 //! One file a subcommand.
 
 pub mod check;
+pub mod compare;
 pub mod design;
 pub mod example;
+pub mod reproduce;
+pub mod scaling;
 pub mod simulate;
 pub mod sweep;
+pub mod verify;
 
 use crate::arguments::Limits;
 use crate::failure::Failure;

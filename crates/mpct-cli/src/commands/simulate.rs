@@ -3,7 +3,7 @@
 use crate::arguments::Simulate;
 use crate::commands::{design_with_progress, duration, headline, read, vector};
 use crate::failure::{Class, Failure};
-use crate::output::{OutputFile, Waiting, print, print_json};
+use crate::output::{OutputFile, Waiting, note, print, print_json};
 use crate::report::{ReportData, choose, picture, render};
 use mpct::{Controller, Run, Simulation, SimulationError, StepStatus, TerminalIngredients};
 use serde_json::json;
@@ -32,13 +32,20 @@ pub fn run(arguments: &Simulate) -> Result<(), Failure> {
         }
         None => None,
     };
+    let outputs = [
+        report.as_ref(),
+        csv.as_ref(),
+        drawing.as_ref().map(|d| &d.0),
+    ];
+    OutputFile::all_apart(&arguments.file, outputs.into_iter().flatten())?;
     let mut problem = file.problem;
     if let Some(formulation) = arguments.formulation {
         problem = problem.with_formulation(formulation.into());
     }
     let ingredients = design_with_progress(&problem, &arguments.limits)
         .map_err(|f| f.in_file(&arguments.file))?;
-    let mut controller = Controller::new(ingredients)?;
+    let mut controller =
+        Controller::new(ingredients).map_err(|e| Failure::from(e).in_file(&arguments.file))?;
     let run = {
         let waiting = Waiting::new("closed loop", Some(simulation.steps as u64));
         mpct::simulate(
@@ -55,11 +62,11 @@ pub fn run(arguments: &Simulate) -> Result<(), Failure> {
                 && !run.steps.is_empty()
             {
                 let path = csv.write(&trajectories(run)?)?;
-                eprintln!(
+                note(&format!(
                     "the {} steps before the error are in {}",
                     run.steps.len(),
                     path.display()
-                );
+                ));
             }
             return Err(Failure::from(error).in_file(&arguments.file));
         }

@@ -33,9 +33,11 @@ pub fn run(arguments: &Sweep) -> Result<(), Failure> {
             Some(simulation) => {
                 let what = format!("scaling {}", problem.scaling());
                 let waiting = Waiting::new(&what, Some(simulation.steps as u64));
-                let mut controller = Controller::new(ingredients)?;
+                let mut controller = Controller::new(ingredients)
+                    .map_err(|e| Failure::from(e).in_file(&arguments.file))?;
                 let progress = |done| waiting.at(done as u64, String::new());
-                let run = mpct::simulate(&mut controller, simulation, Some(&progress))?;
+                let run = mpct::simulate(&mut controller, simulation, Some(&progress))
+                    .map_err(|e| Failure::from(e).in_file(&arguments.file))?;
                 Some(run.summary.cumulative_cost)
             }
         };

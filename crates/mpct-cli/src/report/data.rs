@@ -45,6 +45,8 @@ pub struct DesignNumbers {
     pub task: String,
     /// "implicit" or "explicit".
     pub formulation: String,
+    /// M̄ and γ of section 3.5, when there is no terminal constraint: the guarantees are weaker then.
+    pub extension: Option<(usize, f64)>,
     pub prediction_horizon: usize,
     pub terminal_horizon: usize,
     /// "exact" or "sufficient".

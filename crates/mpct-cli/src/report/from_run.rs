@@ -37,8 +37,13 @@ impl ReportData {
             formulation: match problem.formulation() {
                 Formulation::Implicit => "implicit",
                 Formulation::Explicit => "explicit",
+                Formulation::NoTerminalConstraint => "no-terminal-constraint",
             }
             .into(),
+            extension: problem
+                .no_terminal_constraint()
+                .filter(|_| problem.formulation() == Formulation::NoTerminalConstraint)
+                .map(|e| (e.horizon_extension(), e.gamma())),
             prediction_horizon: problem.prediction_horizon(),
             terminal_horizon: ingredients.terminal_horizon(),
             condition: match ingredients.condition() {

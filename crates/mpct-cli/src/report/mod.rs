@@ -10,7 +10,9 @@ mod from_run;
 mod numbers;
 mod page;
 mod panel;
+mod paper;
 mod picture;
+mod plane;
 mod svg;
 mod tables;
 #[cfg(test)]
@@ -18,4 +20,5 @@ mod tests;
 
 pub use data::ReportData;
 pub use page::render;
+pub use paper::reproduction_page;
 pub use picture::{choose, picture};

@@ -175,7 +175,13 @@ fn cost(data: &ReportData) -> String {
         .map(|s| s.largest_rise)
         .fold(0.0, f64::max);
     let words = if rise <= ROUNDING {
-        "The optimal cost does not rise between set-point changes: it is a Lyapunov function of the closed loop (Theorem 4). Vertical lines mark the changes.".to_string()
+        let why = match data.design.extension {
+            None => ": it is a Lyapunov function of the closed loop (Theorem 4)",
+            Some(_) => "",
+        };
+        format!(
+            "The optimal cost does not rise between set-point changes{why}. Vertical lines mark the changes."
+        )
     } else if data.disturbed {
         format!(
             "Under the disturbance the optimal cost rises by up to {} of its value at the last set-point change. Vertical lines mark the changes.",
@@ -183,8 +189,13 @@ fn cost(data: &ReportData) -> String {
         )
     } else {
         format!(
-            "<span class=\"no\">The optimal cost rises by up to {} of its value at the last set-point change</span>, which the theory excludes: look at the status of the steps. Vertical lines mark the changes.",
-            number(rise)
+            "<span class=\"no\">The optimal cost rises by up to {} of its value at the last set-point change</span>, which the theory excludes{}: look at the status of the steps. Vertical lines mark the changes.",
+            number(rise),
+            if data.design.extension.is_some() {
+                " inside of Υ"
+            } else {
+                ""
+            }
         )
     };
     paragraph(&words)

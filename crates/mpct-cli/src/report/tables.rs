@@ -215,13 +215,23 @@ pub fn guarantees(data: &ReportData) -> String {
             ),
         ));
     }
+    if let Some((steps, gamma)) = d.extension {
+        pairs.push((
+            "No terminal constraint",
+            format!(
+                "the terminal law runs for M̄ = {steps} more steps, and the terminal cost is multiplied by γ = {} (35); {symbol} above is not imposed",
+                number(gamma)
+            ),
+        ));
+    }
     pairs.push((
         "It follows",
-        if regulation {
-            "a state that is feasible once stays feasible, and converges to the origin of the model".into()
-        } else {
-            "a state that is feasible once stays feasible for every set-point (Theorem 3), and converges to an admissible one (Theorem 4)".into()
-        },
+        match (d.extension, regulation) {
+            (Some(_), _) => "states in the stability region Υ of their set-point stay feasible and converge (section 3.5); whether a state is in Υ is not examined here, and outside of it nothing is proved",
+            (None, true) => "a state that is feasible once stays feasible, and converges to the origin of the model",
+            (None, false) => "a state that is feasible once stays feasible for every set-point (Theorem 3), and converges to an admissible one (Theorem 4)",
+        }
+        .into(),
     ));
     rows(&pairs)
 }

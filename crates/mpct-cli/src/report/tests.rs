@@ -39,6 +39,7 @@ fn synthetic(n: usize, m: usize, steps: usize) -> ReportData {
         equation_3_residual: Some(3e-14),
         task: "tracking".into(),
         formulation: "implicit".into(),
+        extension: None,
         prediction_horizon: 5,
         terminal_horizon: 92,
         condition: "exact".into(),
@@ -264,6 +265,18 @@ fn a_picture_holds_what_was_chosen() {
 }
 
 #[test]
+fn without_terminal_constraint_less_is_promised() {
+    let mut data = synthetic(2, 1, 80);
+    assert!(render(&data).contains("Theorem 3"));
+    data.design.extension = Some((3, 2.0));
+    let (page, _) = check(&data);
+    assert!(!page.contains("Theorem"));
+    assert!(page.contains("stability region Υ") && page.contains("M̄ = 3"));
+    data.steps[5].cost *= 100.0;
+    assert!(render(&data).contains("the theory excludes inside of Υ"));
+}
+
+#[test]
 fn settling_and_rises_are_measured() {
     let mut data = synthetic(1, 1, 4);
     for (s, (x, cost)) in
@@ -281,125 +294,23 @@ fn settling_and_rises_are_measured() {
     assert_eq!(data.segments()[0].settled_after, None);
 }
 
-/// The drone of section 4.3 (see the problem file for its numbers), or the academic plant of section 4.1.
-fn run(drone: bool, steps: usize) -> ReportData {
-    use mpct::*;
-    let problem = if drone {
-        let (g, mass, j) = (9.81, 0.6, [0.009_169_13, 0.009_169_13, 0.010_080_64]);
-        let mut a = vec![(3, 7, -g), (4, 6, g)];
-        for i in [0, 1, 2, 6, 7, 8] {
-            a.push((i, i + 3, 1.0));
-        }
-        let mut b = vec![(5, 0, -1.0 / mass)];
-        b.extend((0..3).map(|i| (9 + i, 1 + i, 1.0 / j[i])));
-        let plant = Plant::continuous(
-            SparseMatrix::from_triplets(12, 12, &a).unwrap(),
-            SparseMatrix::from_triplets(12, 4, &b).unwrap(),
-            0.04,
-        )
-        .and_then(|p| p.with_labels(drone_labels()));
-        let angle = std::f64::consts::FRAC_PI_4;
-        let x = [[3.0; 3], [3.0; 3], [angle; 3], [3.0; 3]].concat();
-        let u = [1.5, 0.043, 0.043, 0.043];
-        let limits = Constraints::new(12, 4)
-            .state_bounds(&x.iter().map(|v| -v).collect::<Vec<_>>(), &x)
-            .unwrap()
-            .input_bounds(&u.map(|v| -v), &u)
-            .unwrap();
-        Problem::new(plant.unwrap(), limits, Weights::new(10.0, 100.0, 1e6))
-            .unwrap()
-            .with_prediction_horizon(5)
-            .unwrap()
-    } else {
-        let plant = Plant::discrete(
-            Matrix::from_rows(&[[1.0, 1.0], [0.0, 1.0]]),
-            Matrix::from_rows(&[[0.0, 0.5], [1.0, 0.5]]),
-        );
-        let limits = Constraints::new(2, 2)
-            .state_bounds(&[-3.0; 2], &[3.0; 2])
-            .unwrap()
-            .input_bounds(&[-2.0; 2], &[2.0; 2])
-            .unwrap();
-        Problem::new(plant.unwrap(), limits, Weights::new(10.0, 100.0, 1e4)).unwrap()
-    };
-    let n = problem.plant().states();
-    let problem = problem.with_name(if drone { "drone" } else { "academic" });
-    let design = TerminalIngredients::design(&problem, &DesignOptions::default()).unwrap();
-    let mut controller = Controller::new(design).unwrap();
-    let at = |from_step: usize, first: &[f64]| {
-        let mut state = vec![0.0; n];
-        state[..first.len()].copy_from_slice(first);
-        ScheduledSetPoint {
-            from_step,
-            set_point: SetPoint::state(state),
-        }
-    };
-    let third: &[f64] = if drone {
-        &[-2.0, -1.0, 3.2]
-    } else {
-        &[3.5, 0.0]
-    };
-    let simulation = Simulation {
-        initial_state: vec![0.0; n],
-        steps,
-        set_points: vec![
-            at(0, &[2.0]),
-            at(steps / 3, &[-1.0]),
-            at(2 * steps / 3, third),
-        ],
-        disturbance: None,
-    };
-    let result = simulate(&mut controller, &simulation, None).unwrap();
-    ReportData::new(controller.ingredients(), &result)
-}
-
-fn drone_labels() -> mpct::Labels {
-    let list = |words: &str| words.split(' ').map(String::from).collect::<Vec<_>>();
-    mpct::Labels {
-        state_names: list("px py pz vx vy vz roll pitch yaw p q r"),
-        state_units: list("m m m m/s m/s m/s rad rad rad rad/s rad/s rad/s"),
-        input_names: list("F τx τy τz"),
-        input_units: ["N", "N m", "N m", "N m"].map(String::from).to_vec(),
-    }
-}
-
 #[test]
 fn a_real_run_has_a_page() {
-    let data = run(false, 60);
+    let file = mpct::cases::academic();
+    let options = mpct::DesignOptions::default();
+    let design = mpct::TerminalIngredients::design(&file.problem, &options).unwrap();
+    let mut controller = mpct::Controller::new(design).unwrap();
+    let run = mpct::simulate(&mut controller, &file.simulation.unwrap(), None).unwrap();
+    let data = ReportData::new(controller.ingredients(), &run);
     assert!(data.design.equation_3_residual.unwrap() < 1e-9);
     let (page, _) = check(&data);
     for part in [
         "M̃ = 5",
-        "2 of them admissible",
+        "3 of them admissible",
         "x1 ≤ 3",
         "Q = 10 I",
         "does not rise",
     ] {
         assert!(page.contains(part), "{part}");
-    }
-}
-
-/// Writes pages to look at: `MPCT_LOOK=directory cargo test -p mpct-cli look -- --ignored`.
-#[test]
-#[ignore = "writes files for people to look at"]
-fn look() {
-    let Some(directory) = std::env::var_os("MPCT_LOOK") else {
-        return;
-    };
-    for (name, data) in [
-        ("small", synthetic(12, 4, 900)),
-        ("large", synthetic(400, 200, 1000)),
-        ("academic", run(false, 210)),
-        ("drone", run(true, 900)),
-    ] {
-        let path = std::path::Path::new(&directory).join(format!("{name}.html"));
-        std::fs::write(&path, render(&data)).expect("written");
-        let choice = [
-            (Kind::State, 0),
-            (Kind::State, 1),
-            (Kind::State, 2),
-            (Kind::Input, 0),
-        ];
-        std::fs::write(path.with_extension("svg"), picture(&data, &choice)).expect("written");
     }
 }

@@ -1,11 +1,14 @@
 //! The controller behind one door: `step(x, set_point) -> u`.
 
 use super::online::{Limits, OnlineSolver, Program};
-use super::prediction::condense;
+use super::prediction::{RowOrigin, condense};
 use super::set_point::{Equilibria, SetPoint, weighted_square};
+use super::terminal_cost::ExtraCost;
+use crate::analysis::ProgramRow;
 use crate::error::{DesignError, StepError};
+use crate::linalg::Dense;
 use crate::matrix::Matrix;
-use crate::optimization::Failure;
+use crate::optimization::{Failure, PreparedQp, add_product};
 use crate::problem::{Formulation, Task};
 use crate::terminal::TerminalIngredients;
 use serde::{Deserialize, Serialize};
@@ -98,7 +101,14 @@ pub struct CondensedQp {
 /// ```
 pub struct Controller {
     ingredients: TerminalIngredients,
+    formulation: Formulation,
     solver: OnlineSolver,
+    /// Where each row of the program comes from.
+    origin: Vec<RowOrigin>,
+    /// The Hessian of the cost in the state.
+    state_hessian: Dense,
+    /// What the cost has besides (10).
+    extra: Option<ExtraCost>,
     limits: Limits,
     /// Finds the closest admissible equilibrium, to say whether a set-point is admissible.
     equilibria: Option<Equilibria>,
@@ -110,7 +120,7 @@ impl fmt::Debug for Controller {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Controller")
             .field("problem", &self.ingredients.problem().name())
-            .field("formulation", &self.ingredients.problem().formulation())
+            .field("formulation", &self.formulation)
             .field("terminal_horizon", &self.ingredients.terminal_horizon())
             .field("variables", &self.variables())
             .field("rows", &self.rows())
@@ -153,6 +163,10 @@ impl Controller {
         Ok(Self {
             solver: OnlineSolver::new(program, inputs, stages)?,
             ingredients,
+            formulation,
+            origin: condensed.origin,
+            state_hessian: condensed.state_hessian,
+            extra: condensed.extra,
             limits: Limits::default(),
             equilibria,
             known: None,
@@ -168,6 +182,11 @@ impl Controller {
     /// The terminal ingredients.
     pub fn ingredients(&self) -> &TerminalIngredients {
         &self.ingredients
+    }
+
+    /// The formulation of this controller.
+    pub fn formulation(&self) -> Formulation {
+        self.formulation
     }
 
     /// Variables of the quadratic program.
@@ -240,6 +259,68 @@ impl Controller {
             rows: crate::linalg::to_matrix(&self.solver.program().rows),
             bounds,
         })
+    }
+
+    /// W and G of the program's rows W x + G z ≤ 1, in shifted coordinates.
+    pub(crate) fn program_rows(&self) -> (&Dense, &Dense) {
+        let program = self.solver.program();
+        (&program.state_rows, &program.rows)
+    }
+
+    /// H, F_x, F_r and the Hessian in the state: the cost is ½ zᵀHz + (F_x x + F_r r)ᵀz + ½ xᵀ H_x x + a constant of r.
+    pub(crate) fn program_cost(&self) -> (&Dense, &Dense, &Dense, &Dense) {
+        let p = self.solver.program();
+        (
+            &p.hessian,
+            &p.from_state,
+            &p.from_set_point,
+            &self.state_hessian,
+        )
+    }
+
+    /// The checked optimum at a state by another solver than the controller's own, without taking a step. `qp` holds the
+    /// program's H and G.
+    pub(crate) fn evaluate(
+        &self,
+        qp: &PreparedQp,
+        state: &[f64],
+        set_point: &SetPoint,
+    ) -> Result<Step, StepError> {
+        let (x, r) = self.shifted(state, set_point)?;
+        let (f, b) = self.solver.linear_and_bounds(&x, &r);
+        match qp.solve(&f, &b) {
+            Ok(solution) => Ok(self.describe(&x, &r, &solution.z)),
+            Err(Failure::Infeasible(proof)) => Err(StepError::Infeasible {
+                gap: proof.gap,
+                radius: proof.radius,
+            }),
+            Err(Failure::Unsolved {
+                iterations,
+                residual,
+            }) => Err(StepError::IterationLimit {
+                iterations,
+                residual,
+            }),
+        }
+    }
+
+    /// What each of them comes from.
+    pub(crate) fn program_row_names(&self) -> Vec<ProgramRow> {
+        let problem = self.ingredients.problem();
+        let horizon = problem.prediction_horizon();
+        let source = &problem.rows().source;
+        let named = |row: usize, step| ProgramRow {
+            source: source[row],
+            step,
+        };
+        self.origin
+            .iter()
+            .map(|origin| match *origin {
+                RowOrigin::Stage { row, step } => named(row, Some(step)),
+                RowOrigin::Terminal { row, step } => named(row, Some(horizon + step)),
+                RowOrigin::Equilibrium { row } => named(row, None),
+            })
+            .collect()
     }
 
     /// Checked and shifted state and set-point (state, input).
@@ -353,6 +434,17 @@ impl Controller {
             self.ingredients.terminal_weight(),
             &minus(&states[horizon], &xs),
         );
+        if let Some(extra) = &self.extra {
+            let mut e = minus(&states[horizon], &xs);
+            for _ in 0..extra.steps {
+                let mut next = vec![0.0; n];
+                add_product(&mut next, &self.ingredients.law().closed_loop, &e, 1.0);
+                e = next;
+            }
+            let mut weighted = vec![0.0; n];
+            add_product(&mut weighted, &extra.weight, &e, 1.0);
+            cost += e.iter().zip(&weighted).map(|(a, b)| a * b).sum::<f64>();
+        }
         let offset_cost = match problem.task() {
             Task::Tracking => {
                 weighted_square(problem.offset_weight(), &minus(&xs, &r[..n]))

@@ -4,11 +4,14 @@ mod controller;
 mod online;
 mod prediction;
 mod set_point;
+mod terminal_cost;
 
 pub use controller::{CondensedQp, Controller, Step, StepStatus};
 pub use set_point::{AdmissibleSetPoint, SetPoint};
+pub use terminal_cost::ImplicitTerminalCost;
 
-pub(crate) use set_point::weighted_square;
+pub(crate) use set_point::{OffsetCost, weighted_square};
+pub(crate) use terminal_cost::no_terminal_constraint;
 
 #[cfg(test)]
 mod prediction_tests;

@@ -10,6 +10,7 @@
 //! The shifted candidate (32) is, in these variables, (c_1, …, c_{N−1}, 0, θ).
 
 use super::set_point::OffsetCost;
+use super::terminal_cost::{ExtraCost, no_terminal_constraint, power};
 use crate::error::DesignError;
 use crate::linalg::{self, Dense};
 use crate::problem::{Formulation, Task};
@@ -37,11 +38,11 @@ pub(crate) struct Condensed {
     pub(crate) from_state: Dense,
     /// F_r, variables × (n + m): set-point state and input.
     pub(crate) from_set_point: Dense,
-    #[allow(
-        dead_code,
-        reason = "tests hold each row against the trajectory it speaks of"
-    )]
     pub(crate) origin: Vec<RowOrigin>,
+    /// The Hessian of the cost in the state, n × n: the cost is ½ zᵀHz + (F_x x + F_r r)ᵀz + ½ xᵀ(this)x + ‖r‖².
+    pub(crate) state_hessian: Dense,
+    /// What the cost has besides (10).
+    pub(crate) extra: Option<ExtraCost>,
 }
 
 /// Relative size of E below which it is rounding of the LQR gain.
@@ -131,7 +132,25 @@ pub(crate) fn condense(
         }
     }
 
-    let (hessian, from_state, from_set_point) = cost(ingredients, &b, &mx, parameters)?;
+    let (mut hessian, mut from_state, from_set_point) = cost(ingredients, &b, &mx, parameters)?;
+    let mut state_hessian = &law.weight * Scale(2.0);
+    let extra = ExtraCost::of(ingredients, formulation)?;
+    if let Some(extra) = &extra {
+        // (A+BK)^steps e_N = S x + T z.
+        let mut f = power(a_k, extra.steps);
+        let mut t = Dense::zeros(n, variables);
+        for j in (0..horizon).rev() {
+            put(&mut t, 0, j * m, &(&f * &b));
+            f = &f * a_k;
+        }
+        if parameters > 0 {
+            put(&mut t, 0, horizon * m, &(&f * &mx * Scale(-1.0)));
+        }
+        let tw = t.transpose() * &extra.weight * Scale(2.0);
+        hessian = linalg::symmetrised(&(hessian + &tw * &t));
+        from_state += &tw * &f;
+        state_hessian += f.transpose() * &extra.weight * &f * Scale(2.0);
+    }
     Ok(Condensed {
         hessian,
         rows: g,
@@ -139,6 +158,8 @@ pub(crate) fn condense(
         from_state,
         from_set_point,
         origin,
+        state_hessian,
+        extra,
     })
 }
 
@@ -152,6 +173,23 @@ fn terminal_rows(
         Formulation::Explicit => {
             let set = ingredients.maximal_admissible_set()?;
             Ok((0..set.len()).map(|k| set.origin(k)).collect())
+        }
+        Formulation::NoTerminalConstraint => {
+            let steps = no_terminal_constraint(ingredients)?.horizon_extension();
+            let constraints = problem.rows();
+            let p = constraints.len();
+            let mut rows = Vec::new();
+            for i in 0..p {
+                // (35c) reaches step N + M̄, (35d) one step less. A row that is spent needs only rows of steps before it.
+                let last = steps + usize::from(constraints.d.row(i).len() == 0);
+                let last = last.min(ingredients.spent_step(i));
+                rows.extend((0..last).map(|step| (i, Some(step))));
+            }
+            if problem.task() == Task::Tracking {
+                let w = ingredients.equilibrium_rows();
+                rows.extend((0..p).filter(|&i| w.row(i).len() > 0).map(|i| (i, None)));
+            }
+            Ok(rows)
         }
         Formulation::Implicit => {
             let p = problem.rows().len();

@@ -2,6 +2,13 @@
 
 use super::Matrix;
 use crate::error::DesignError;
+use rayon::prelude::*;
+
+/// Columns and values.
+type Row = Vec<(u32, f64)>;
+
+/// Rows of a product that one task computes: enough to pay for its scratch vectors.
+const ROWS_PER_TASK: usize = 256;
 
 /// A sparse real matrix in compressed row storage; columns ascend within a row.
 ///
@@ -246,6 +253,73 @@ impl SparseMatrix {
                 .collect::<Vec<_>>()
         });
         Self::from_row_lists(self.rows, other.cols, rows)
+    }
+
+    /// The product of two matrices, rows in parallel. `finish` sees each row of the product, columns ascending, may
+    /// drop entries, and returns a number that is kept for the row.
+    pub(crate) fn mul_with(
+        &self,
+        other: &Self,
+        finish: impl Fn(usize, &mut Vec<(u32, f64)>) -> f64 + Sync,
+    ) -> (Self, Vec<f64>) {
+        assert_eq!(self.cols, other.rows, "inner dimensions");
+        let starts: Vec<usize> = (0..self.rows).step_by(ROWS_PER_TASK).collect();
+        let blocks: Vec<Vec<(Row, f64)>> = starts
+            .into_par_iter()
+            .map(|start| {
+                let mut sum = vec![0.0; other.cols];
+                let mut touched = vec![false; other.cols];
+                let mut list: Vec<u32> = Vec::new();
+                (start..self.rows.min(start + ROWS_PER_TASK))
+                    .map(|i| {
+                        let (ca, va) = self.row_slices(i);
+                        for (&k, &a) in ca.iter().zip(va) {
+                            let (cb, vb) = other.row_slices(k as usize);
+                            for (&j, &b) in cb.iter().zip(vb) {
+                                let at = j as usize;
+                                if !touched[at] {
+                                    touched[at] = true;
+                                    list.push(j);
+                                }
+                                sum[at] += a * b;
+                            }
+                        }
+                        list.sort_unstable();
+                        let mut row: Vec<(u32, f64)> = list
+                            .drain(..)
+                            .map(|j| {
+                                touched[j as usize] = false;
+                                (j, std::mem::take(&mut sum[j as usize]))
+                            })
+                            .collect();
+                        let kept = finish(i, &mut row);
+                        (row, kept)
+                    })
+                    .collect()
+            })
+            .collect();
+        let numbers = blocks.iter().flatten().map(|r| r.1).collect();
+        let rows = blocks.into_iter().flatten().map(|r| r.0);
+        (Self::from_row_lists(self.rows, other.cols, rows), numbers)
+    }
+
+    /// Share of the entries that are stored.
+    pub(crate) fn share(&self) -> f64 {
+        self.nonzeros() as f64 / (self.rows * self.cols).max(1) as f64
+    }
+
+    /// The matrix without the entries for which `keep` is false.
+    pub(crate) fn filtered(&self, keep: impl Fn(usize, usize, f64) -> bool) -> Self {
+        Self::from_row_lists(
+            self.rows,
+            self.cols,
+            (0..self.rows).map(|i| {
+                self.row(i)
+                    .filter(|&(j, v)| keep(i, j, v))
+                    .map(|(j, v)| (j as u32, v))
+                    .collect()
+            }),
+        )
     }
 
     /// `alpha * self + beta * other`.

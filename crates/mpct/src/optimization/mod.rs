@@ -1,6 +1,9 @@
-//! Quadratic programs min ½ zᵀHz + fᵀz, G z ≤ b with constant H and G: solved by a library, checked by us.
+//! Quadratic programs min ½ zᵀHz + fᵀz, G z ≤ b with constant H and G, and support functions of convex bodies: solved by
+//! a library, checked by us.
 
+mod body;
 mod qp;
 pub(crate) mod verify;
 
+pub(crate) use body::{Ball, Body, BodyFailure, add_product, dot, norm};
 pub(crate) use qp::{Failure, PreparedQp};

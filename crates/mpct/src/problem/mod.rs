@@ -3,10 +3,12 @@
 mod constraints;
 mod discretise;
 pub mod file;
+mod formulation;
 pub(crate) mod plant;
 mod weights;
 
 pub use constraints::{ConstraintRows, Constraints, MixedRows, RowSource};
+pub use formulation::{Formulation, NoTerminalConstraint, TerminalCost};
 pub use plant::{Labels, OperatingPoint, Plant};
 pub use weights::{Weight, Weights};
 
@@ -24,17 +26,6 @@ pub enum Task {
     Tracking,
     /// The origin (the operating point) only (section 3.1).
     Regulation,
-}
-
-/// How the terminal constraint is written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Formulation {
-    /// The terminal law runs for M̃ more steps (30).
-    #[default]
-    Implicit,
-    /// The irredundant rows of the maximal admissible set (9).
-    Explicit,
 }
 
 /// A checked problem, in shifted coordinates.
@@ -66,6 +57,8 @@ pub struct Problem {
     o_input: SparseMatrix,
     task: Task,
     formulation: Formulation,
+    terminal_cost: TerminalCost,
+    no_terminal_constraint: Option<NoTerminalConstraint>,
     prediction_horizon: usize,
     scaling: f64,
     gain: Option<SparseMatrix>,
@@ -75,6 +68,8 @@ pub struct Problem {
 pub const DEFAULT_SCALING: f64 = 0.9;
 /// N when none is stated.
 pub const DEFAULT_PREDICTION_HORIZON: usize = 10;
+/// Largest N. The program of a step is dense in N m variables; beyond this no memory holds it.
+pub const MAX_PREDICTION_HORIZON: usize = 10_000;
 
 impl Problem {
     /// A tracking problem with the default horizon and scaling.
@@ -116,6 +111,8 @@ impl Problem {
             rows,
             task: Task::default(),
             formulation: Formulation::default(),
+            terminal_cost: TerminalCost::default(),
+            no_terminal_constraint: None,
             prediction_horizon: DEFAULT_PREDICTION_HORIZON,
             scaling: DEFAULT_SCALING,
             gain: None,
@@ -140,18 +137,31 @@ impl Problem {
         self
     }
 
+    /// Chooses the formulation of section 3.5, with M̄, γ and α.
+    pub fn with_no_terminal_constraint(mut self, choices: NoTerminalConstraint) -> Self {
+        self.formulation = Formulation::NoTerminalConstraint;
+        self.no_terminal_constraint = Some(choices);
+        self
+    }
+
+    /// Chooses the terminal cost.
+    pub fn with_terminal_cost(mut self, cost: TerminalCost) -> Self {
+        self.terminal_cost = cost;
+        self
+    }
+
     /// Sets N ≥ 1.
     ///
     /// # Errors
     /// [`DesignError::OutOfRange`].
     pub fn with_prediction_horizon(mut self, steps: usize) -> Result<Self, DesignError> {
-        if steps >= 1 {
+        if (1..=MAX_PREDICTION_HORIZON).contains(&steps) {
             self.prediction_horizon = steps;
             Ok(self)
         } else {
             Err(DesignError::OutOfRange {
                 what: "controller.prediction_horizon".into(),
-                expected: "a whole number of steps >= 1".into(),
+                expected: format!("a whole number of steps >= 1, at most {MAX_PREDICTION_HORIZON}"),
                 found: steps.to_string(),
             })
         }
@@ -241,6 +251,16 @@ impl Problem {
     /// The formulation.
     pub fn formulation(&self) -> Formulation {
         self.formulation
+    }
+
+    /// The terminal cost.
+    pub fn terminal_cost(&self) -> TerminalCost {
+        self.terminal_cost
+    }
+
+    /// The choices of section 3.5, when stated.
+    pub fn no_terminal_constraint(&self) -> Option<NoTerminalConstraint> {
+        self.no_terminal_constraint
     }
 
     /// N.

@@ -28,6 +28,11 @@ impl Pair {
 }
 
 /// The rows of the augmented system, step by step.
+///
+/// Where subsystems are coupled weakly, rows are local: their entries decay with the distance. Entries that the box
+/// |z_l| ≤ β_l makes smaller than rounding are dropped, and what they could amount to is kept with the row. With
+/// r_s = r_{s−1} A_K − d_s the stored row is r_0 A_Kˢ − Σ_t d_t A_K^{s−t}, and because A_Kᵗ z stays in the box for
+/// every z of O_{s−1}, the slack of a stored row is Σ_t Σ_l |d_t|_l β_l: it adds up and does not grow.
 pub(super) struct Augmented {
     /// States n.
     pub(super) states: usize,
@@ -36,122 +41,59 @@ pub(super) struct Augmented {
     /// λ.
     pub(super) scaling: f64,
     pub(super) pairs: Vec<Pair>,
-    /// w_i for each pair, pairs × parameters.
-    pub(super) equilibrium: SparseMatrix,
+    /// w_i for each pair, in the columns n, …, n + m − 1 of z.
+    equilibrium: SparseMatrix,
     /// (C + D K)_i (A + B K)^s for each pair, one matrix a step.
-    powers: Vec<Power>,
-    closed_loop: Power,
+    powers: Vec<SparseMatrix>,
+    /// Slack of each of these rows.
+    slack: Vec<Vec<f64>>,
+    closed_loop: SparseMatrix,
+    /// The same, when it is full enough for the dense product.
+    dense: Option<Dense>,
+    /// β; empty until a box is known, and nothing is dropped before.
+    beta: Vec<f64>,
 }
 
-/// A matrix in the form in which it is cheaper.
-enum Power {
-    Dense(Dense),
-    Sparse(SparseMatrix),
-}
-
-/// Above this share of entries the dense product is faster.
-const DENSE_SHARE: f64 = 0.25;
-/// Entries this much smaller than the largest of their row are rounding of the product they come from.
-const DROP: f64 = 1e-17;
-
-impl Power {
-    fn from_dense(m: &Dense) -> Self {
-        let sparse = dropped(m);
-        let share = sparse.nonzeros() as f64 / (m.nrows() * m.ncols()).max(1) as f64;
-        if share > DENSE_SHARE {
-            Self::Dense(m.clone())
-        } else {
-            Self::Sparse(sparse)
-        }
-    }
-
-    fn times(&self, other: &Self) -> Self {
-        match (self, other) {
-            (Self::Sparse(a), Self::Sparse(b)) => {
-                let product = a.mul(b);
-                let share = product.nonzeros() as f64 / (a.rows() * b.cols()).max(1) as f64;
-                if share > DENSE_SHARE {
-                    Self::Dense(linalg::dense(&product))
-                } else {
-                    Self::Sparse(dropped_sparse(&product))
-                }
-            }
-            (Self::Dense(a), Self::Dense(b)) => Self::Dense(a * b),
-            (Self::Dense(a), Self::Sparse(b)) => Self::Dense(a * linalg::dense(b)),
-            (Self::Sparse(a), Self::Dense(b)) => Self::Dense(linalg::dense(a) * b),
-        }
-    }
-
-    fn row(&self, i: usize) -> Vec<(usize, f64)> {
-        match self {
-            Self::Dense(m) => (0..m.ncols())
-                .map(|j| (j, m[(i, j)]))
-                .filter(|e| e.1 != 0.0)
-                .collect(),
-            Self::Sparse(m) => m.row(i).collect(),
-        }
-    }
-}
-
-fn dropped(m: &Dense) -> SparseMatrix {
-    SparseMatrix::from_row_lists(
-        m.nrows(),
-        m.ncols(),
-        (0..m.nrows()).map(|i| {
-            let largest = (0..m.ncols()).fold(0.0_f64, |a, j| a.max(m[(i, j)].abs()));
-            (0..m.ncols())
-                .filter(|&j| m[(i, j)].abs() > DROP * largest)
-                .map(|j| (j as u32, m[(i, j)]))
-                .collect()
-        }),
-    )
-}
-
-fn dropped_sparse(m: &SparseMatrix) -> SparseMatrix {
-    SparseMatrix::from_row_lists(
-        m.rows(),
-        m.cols(),
-        (0..m.rows()).map(|i| {
-            let largest = m.row(i).fold(0.0_f64, |a, e| a.max(e.1.abs()));
-            m.row(i)
-                .filter(|e| e.1.abs() > DROP * largest)
-                .map(|(j, v)| (j as u32, v))
-                .collect()
-        }),
-    )
-}
+/// Above this share of entries the plant is not local: nothing is dropped, and full products are faster.
+const DENSE_SHARE: f64 = 0.6;
+/// Entries with |r_l| β_l below this, where the bound of the row is 1, are dropped. A row of a thousand such entries
+/// moves a support by 1e-12 a step, far below the tolerance of a verdict, to which it is added all the same.
+const DROP: f64 = 1e-15;
 
 impl Augmented {
     pub(super) fn new(
         problem: &Problem,
-        gain: &Dense,
-        closed_loop: &Dense,
+        gain: &SparseMatrix,
+        closed_loop: &SparseMatrix,
         steady: &SteadyStates,
     ) -> Self {
         let rows = problem.rows();
         let pairs = pair_up(&rows.c, &rows.d);
         let first: Vec<usize> = pairs.iter().map(|p| p.upper).collect();
         let (c, d) = (rows.c.select_rows(&first), rows.d.select_rows(&first));
-        let parameters = match problem.task() {
-            Task::Tracking => problem.plant().inputs(),
-            Task::Regulation => 0,
-        };
-        let equilibrium = match problem.task() {
+        let n = problem.plant().states();
+        let (parameters, equilibrium) = match problem.task() {
             Task::Tracking => {
-                c.mul(steady.state_basis())
-                    .combine(1.0, &d.mul(steady.input_basis()), 1.0)
+                let m = problem.plant().inputs();
+                let w = c
+                    .mul(steady.state_basis())
+                    .combine(1.0, &d.mul(steady.input_basis()), 1.0);
+                (m, in_columns_of_z(&w, n))
             }
-            Task::Regulation => SparseMatrix::zeros(pairs.len(), 0),
+            Task::Regulation => (0, SparseMatrix::zeros(pairs.len(), n)),
         };
-        let terminal = linalg::dense(&c) + linalg::dense(&d) * gain;
+        let terminal = c.combine(1.0, &d.mul(gain), 1.0);
         Self {
-            states: problem.plant().states(),
+            states: n,
             parameters,
             scaling: problem.scaling(),
+            slack: vec![vec![0.0; pairs.len()]],
             pairs,
-            equilibrium: cleaned(&equilibrium),
-            powers: vec![Power::from_dense(&terminal)],
-            closed_loop: Power::from_dense(closed_loop),
+            equilibrium,
+            powers: vec![terminal],
+            dense: (closed_loop.share() > DENSE_SHARE).then(|| linalg::dense(closed_loop)),
+            closed_loop: closed_loop.clone(),
+            beta: Vec::new(),
         }
     }
 
@@ -160,50 +102,117 @@ impl Augmented {
         self.states + self.parameters
     }
 
+    /// Another λ. Rows that are already there stay as they are: they do not depend on it.
+    pub(super) fn scale_to(&mut self, scaling: f64) {
+        self.scaling = scaling;
+    }
+
+    /// Rows from here on drop what the box |z_l| ≤ β_l makes negligible. A box that is known stays when it is wider.
+    pub(super) fn drop_within(&mut self, beta: &[f64]) {
+        if self.beta.is_empty() {
+            self.beta = beta.to_vec();
+        } else {
+            for (old, new) in self.beta.iter_mut().zip(beta) {
+                *old = old.max(*new);
+            }
+        }
+    }
+
     /// Makes the rows of steps 0, …, `step` available.
     pub(super) fn extend_to(&mut self, step: usize) {
         while self.powers.len() <= step {
-            let next = self.powers[self.powers.len() - 1].times(&self.closed_loop);
+            let last = self.powers.len() - 1;
+            let (next, slack) = match &self.dense {
+                Some(closed_loop) => (
+                    linalg::sparse(&(linalg::dense(&self.powers[last]) * closed_loop)),
+                    self.slack[last].clone(),
+                ),
+                None => {
+                    let (next, dropped) =
+                        self.powers[last].mul_with(&self.closed_loop, |i, row| self.drop(i, row));
+                    let before = &self.slack[last];
+                    (
+                        next,
+                        before.iter().zip(dropped).map(|(a, b)| a + b).collect(),
+                    )
+                }
+            };
             self.powers.push(next);
+            self.slack.push(slack);
         }
+    }
+
+    /// Drops what is negligible from a row of pair i; returns what it could amount to.
+    fn drop(&self, i: usize, row: &mut Vec<(u32, f64)>) -> f64 {
+        if self.beta.is_empty() {
+            return 0.0;
+        }
+        let negligible = DROP * self.pairs[i].lower_bound().min(1.0);
+        let mut dropped = 0.0;
+        row.retain(|&(j, v)| {
+            let reach = v.abs() * self.beta[j as usize];
+            let keep = reach > negligible;
+            if !keep {
+                dropped += reach;
+            }
+            keep
+        });
+        dropped
+    }
+
+    /// The e part of the row of a pair after `step` steps: columns and values.
+    pub(super) fn e_part(&self, pair: usize, step: usize) -> (&[u32], &[f64]) {
+        self.powers[step].row_slices(pair)
+    }
+
+    /// w of a pair: columns of z and values.
+    pub(super) fn w(&self, pair: usize) -> (&[u32], &[f64]) {
+        self.equilibrium.row_slices(pair)
+    }
+
+    /// What the dropped entries of a row could amount to, for every z in the set its step belongs to.
+    pub(super) fn slack(&self, pair: usize, step: usize) -> f64 {
+        self.slack[step][pair]
     }
 
     /// The row of a pair after `step` steps, as entries of z = (e, θ), columns ascending.
     pub(super) fn moving_row(&self, pair: usize, step: usize) -> Vec<(usize, f64)> {
-        let mut row = self.powers[step].row(pair);
-        row.extend(
-            self.equilibrium
-                .row(pair)
-                .map(|(j, v)| (self.states + j, v)),
-        );
-        row
+        self.powers[step]
+            .row(pair)
+            .chain(self.equilibrium.row(pair))
+            .collect()
     }
 
     /// The row of θ ∈ λΘ of a pair; empty when the pair says nothing about equilibria.
     pub(super) fn static_row(&self, pair: usize) -> Vec<(usize, f64)> {
         self.equilibrium
             .row(pair)
-            .map(|(j, v)| (self.states + j, v / self.scaling))
+            .map(|(j, v)| (j, v / self.scaling))
             .collect()
+    }
+
+    /// C M_θx + D M_θu of the pairs, in columns of z.
+    pub(super) fn equilibrium(&self) -> &SparseMatrix {
+        &self.equilibrium
     }
 }
 
-/// Without entries that are rounding of a sum whose terms cancel: the value of a constraint at an equilibrium basis
-/// vector is at most 1 by the choice of the basis.
-fn cleaned(w: &SparseMatrix) -> SparseMatrix {
+/// Moves w to the columns of θ in z. Entries that are rounding of a sum whose terms cancel are left out: the value of
+/// a constraint at an equilibrium basis vector is at most 1 by the choice of the basis.
+fn in_columns_of_z(w: &SparseMatrix, n: usize) -> SparseMatrix {
     SparseMatrix::from_row_lists(
         w.rows(),
-        w.cols(),
+        n + w.cols(),
         (0..w.rows()).map(|i| {
             w.row(i)
                 .filter(|e| e.1.abs() > 1e-14)
-                .map(|(j, v)| (j as u32, v))
+                .map(|(j, v)| ((n + j) as u32, v))
                 .collect()
         }),
     )
 }
 
-/// A row's direction: columns, and entries relative to the first, in units of 1e-12.
+/// Entries of a row divided by the first, rounded.
 type Direction = Vec<(usize, i64)>;
 
 /// Finds opposite rows: C_j = −ρ C_i and D_j = −ρ D_i with ρ > 0.

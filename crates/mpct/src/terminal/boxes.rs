@@ -1,7 +1,10 @@
 //! A box around the terminal constraints, in which programs start and by which what is left over is bounded.
 
 use super::augmented::Augmented;
+use super::proofs::Multipliers;
 use super::simplex::{DualSimplex, Rows};
+use super::support::RowId;
+use crate::clock::Clock;
 use crate::error::DesignError;
 use crate::linalg::{self, Dense};
 
@@ -10,6 +13,8 @@ pub(super) struct Boxes {
     pub(super) beta: Vec<f64>,
     /// Whether O_0 lies inside the box in this coordinate. Otherwise only O at later steps does, well inside.
     pub(super) valid: Vec<bool>,
+    /// The rows that prove ẑ_l ≤ 1 and −ẑ_l ≤ 1, ẑ_l = z_l / β_l, where step 0 alone does.
+    pub(super) proofs: Vec<Option<[Multipliers; 2]>>,
 }
 
 /// First guess of a box, in units of the nearest constraint: further out than any bound of a sensible problem.
@@ -29,11 +34,12 @@ impl Boxes {
     ///
     /// # Errors
     /// [`DesignError::Unbounded`] when a direction is neither bounded nor observed by the constraints.
-    pub(super) fn of(system: &mut Augmented) -> Result<Self, DesignError> {
+    pub(super) fn of(system: &mut Augmented, clock: &Clock) -> Result<Self, DesignError> {
         let d = system.dimension();
         let mut boxes = Self {
             beta: vec![f64::INFINITY; d],
             valid: vec![true; d],
+            proofs: vec![None; d],
         };
         boxes.read_off(system);
         if boxes.beta.iter().all(|b| b.is_finite()) {
@@ -44,12 +50,12 @@ impl Boxes {
         if open.iter().any(|&l| l < system.states) {
             check_states(system)?;
         }
-        boxes.solve(system, &open, 0);
+        boxes.solve(system, &open, 0, clock);
         let open: Vec<usize> = (0..d).filter(|&l| boxes.beta[l].is_infinite()).collect();
         if !open.is_empty() {
             let last = STEPS.min(system.states);
             system.extend_to(last);
-            boxes.solve(system, &open, last);
+            boxes.solve(system, &open, last, clock);
         }
         Ok(boxes)
     }
@@ -61,6 +67,7 @@ impl Boxes {
         Self {
             beta: self.beta.iter().map(|b| 2.0 * b).collect(),
             valid: self.valid.clone(),
+            proofs: vec![None; self.beta.len()],
         }
     }
 
@@ -73,7 +80,13 @@ impl Boxes {
                 continue;
             }
             if let [(j, v)] = system.static_row(k)[..] {
-                self.beta[j] = self.beta[j].min(lower.max(1.0) / v.abs());
+                let beta = lower.max(1.0) / v.abs();
+                if beta < self.beta[j] {
+                    let y = 1.0 / (v.abs() * beta);
+                    let side = |upper: bool| vec![(RowId::Static(k), upper == (v > 0.0), y)];
+                    self.beta[j] = beta;
+                    self.proofs[j] = Some([side(true), side(false)]);
+                }
             }
             let row = system.moving_row(k, 0);
             let equilibrium = row.iter().any(|e| e.0 >= n);
@@ -84,22 +97,37 @@ impl Boxes {
                 } else {
                     lower.max(1.0)
                 };
-                self.beta[j] = self.beta[j].min(width / v.abs());
+                let beta = width / v.abs();
+                if beta < self.beta[j] {
+                    let y = 1.0 / (v.abs() * beta);
+                    let side = |upper: bool| {
+                        let above = upper == (v > 0.0);
+                        let mut rows = vec![(RowId::Moving(k, 0), above, y)];
+                        if equilibrium {
+                            rows.push((RowId::Static(k), !above, y * system.scaling));
+                        }
+                        rows
+                    };
+                    self.beta[j] = beta;
+                    self.proofs[j] = Some([side(true), side(false)]);
+                }
             }
         }
     }
 
     /// Bounds by linear programs over the rows of steps 0, …, `last`.
-    fn solve(&mut self, system: &Augmented, open: &[usize], last: usize) {
+    fn solve(&mut self, system: &Augmented, open: &[usize], last: usize, clock: &Clock) {
         let d = system.dimension();
         let mut rows = Vec::new();
+        let mut ids = Vec::new();
         let mut lower = Vec::new();
         for k in 0..system.pairs.len() {
-            for row in std::iter::once(system.static_row(k))
-                .chain((0..=last).map(|s| system.moving_row(k, s)))
-            {
+            let fixed = std::iter::once((RowId::Static(k), system.static_row(k)));
+            let moving = (0..=last).map(|s| (RowId::Moving(k, s), system.moving_row(k, s)));
+            for (id, row) in fixed.chain(moving) {
                 if !row.is_empty() {
                     rows.push(row);
+                    ids.push(id);
                     lower.push(system.pairs[k].lower_bound());
                 }
             }
@@ -138,19 +166,29 @@ impl Boxes {
         let mut found = Vec::new();
         for &l in open {
             let mut reach = 0.0_f64;
-            for sign in [1.0, -1.0] {
+            let mut sides = [Vec::new(), Vec::new()];
+            for (sign, side) in [1.0, -1.0].into_iter().zip(&mut sides) {
                 let mut w = vec![0.0; d];
                 w[l] = sign;
-                reach = reach.max(simplex.maximise(&w, &rows, 0.0, None).bound);
+                simplex.maximise(&w, &rows, [0.0, f64::INFINITY], None, clock);
+                reach = reach.max(simplex.bound(&rows));
+                *side = simplex
+                    .multipliers()
+                    .map(|(k, s, y)| (ids[k], s, y))
+                    .collect();
             }
-            found.push((l, reach));
+            found.push((l, reach, sides));
         }
         let finished = last > 0;
-        for (l, reach) in found {
+        for (l, reach, mut sides) in found {
             let bounded = reach < 0.5;
             if bounded && !finished {
                 // A little wider than computed, so that rounding does not cut the set.
                 self.beta[l] = reach * far[l] * (1.0 + 1e-6);
+                for m in sides.iter_mut().flatten() {
+                    m.2 *= far[l] / self.beta[l];
+                }
+                self.proofs[l] = Some(sides);
             } else if finished {
                 // Unbounded even here: one-sided constraints. The programs then end at the box, which only ever
                 // proves that a row is not spent.
@@ -167,13 +205,22 @@ fn check_equilibria(system: &Augmented) -> Result<(), DesignError> {
     if system.parameters == 0 {
         return Ok(());
     }
-    let w = linalg::dense(&system.equilibrium);
+    let w = theta_columns(system);
     match null_direction(&w)? {
         None => Ok(()),
         Some(direction) => Err(DesignError::Unbounded {
             direction: format!("the equilibria along {}", named(&direction, "theta")),
         }),
     }
+}
+
+/// w of every pair, pairs × parameters.
+fn theta_columns(system: &Augmented) -> Dense {
+    let mut w = Dense::zeros(system.pairs.len(), system.parameters);
+    for (i, j, v) in system.equilibrium().entries() {
+        w[(i, j - system.states)] = v;
+    }
+    w
 }
 
 /// (C + D K, A + B K) must be observable.

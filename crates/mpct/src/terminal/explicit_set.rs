@@ -4,8 +4,9 @@
 //! bound; it is then dropped for good, so that of equal rows one remains.
 
 use super::augmented::Augmented;
-use super::boxes::Boxes;
-use super::support::{RowId, Side, Support};
+use super::bank::Bank;
+use super::support::{RowId, Support};
+use crate::clock::Clock;
 use crate::error::DesignError;
 use crate::matrix::SparseMatrix;
 use crate::steady_state::SteadyStates;
@@ -55,44 +56,40 @@ impl MaximalAdmissibleSet {
     }
 }
 
+/// The rows of θ ∈ λΘ and the rows before they are spent, less redundant ones.
 pub(super) fn irredundant(
     system: &mut Augmented,
-    boxes: &Boxes,
+    bank: &mut Bank,
     steady: &SteadyStates,
     spent: &[usize],
 ) -> Result<MaximalAdmissibleSet, DesignError> {
     let last = spent.iter().copied().max().unwrap_or(1) - 1;
     system.extend_to(last);
-    let alive = |side: Side, step: usize, system: &Augmented| -> bool {
-        let pair = &system.pairs[side.pair];
-        let row = if side.upper {
-            Some(pair.upper)
-        } else {
-            pair.lower.map(|l| l.0)
-        };
-        row.is_some_and(|i| step < spent[i])
-    };
-    let support = Support::of_rows(system, boxes, last, |side, step| alive(side, step, system));
-    let kept = support.irredundant()?;
+    bank.extend_to(system, last);
+    // A side takes part in a layer when the problem has it and it is not spent there.
+    let mut absent = Vec::with_capacity(bank.rows(last + 1));
+    for layer in 0..=last + 1 {
+        for pair in &system.pairs {
+            let gone = |row: usize| layer > spent[row];
+            absent.push([gone(pair.upper), pair.lower.is_none_or(|l| gone(l.0))]);
+        }
+    }
+    let clock = Clock::unlimited();
+    let kept = Support::without(system, bank, last, absent, &clock).irredundant(last + 1)?;
     let n = system.states;
     let mut origin = Vec::with_capacity(kept.len());
     let lists: Vec<Vec<(u32, f64)>> = kept
         .into_iter()
-        .map(|id| {
-            let (side, step) = match id {
-                RowId::Static(side) => (side, None),
-                RowId::Moving(side, step) => (side, Some(step)),
+        .map(|(id, upper)| {
+            let (pair, step, z) = match id {
+                RowId::Static(pair) => (pair, None, system.static_row(pair)),
+                RowId::Moving(pair, step) => (pair, Some(step), system.moving_row(pair, step)),
             };
-            let pair = &system.pairs[side.pair];
-            let (row, scale) = match (side.upper, pair.lower) {
+            let (row, scale) = match (upper, system.pairs[pair].lower) {
                 (false, Some((row, bound))) => (row, -1.0 / bound),
-                _ => (pair.upper, 1.0),
+                _ => (system.pairs[pair].upper, 1.0),
             };
             origin.push((row, step));
-            let z = match step {
-                None => system.static_row(side.pair),
-                Some(s) => system.moving_row(side.pair, s),
-            };
             in_state_coordinates(&z, scale, n, system.parameters, steady)
         })
         .collect();

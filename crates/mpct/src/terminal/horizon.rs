@@ -1,22 +1,23 @@
 //! The terminal horizon: M (20) for regulation, M̃ (29) for tracking.
 //!
 //! A row spent at one step stays spent, and rows are searched alone: M̃ = max over rows of (first spent step) − 1. In
-//! the first, exact form a row at step t is held against O_{t−1}; the steps 1, 2, 4, 8, … are tried for the rows still
-//! open, then the first spent step lies between two of them and is found by bisection, starting where a neighbouring
-//! row was found. In the second, sufficient form it is held against X_aug,t alone, which is not monotone in t: steps
-//! are counted up, and the row that refused the last step is asked first.
+//! the first, exact form a row at step t is held against O_{t−1}. The range of steps doubles until no row is open;
+//! within it a row starts at the step at which a similar row was first spent, so that two programs settle most rows:
+//! spent there, not spent one step before. In the second, sufficient form it is held against X_aug,t alone, which is
+//! not monotone in t: steps are counted up, and the row that refused the last step is asked first.
 
 use super::augmented::Augmented;
-use super::boxes::Boxes;
-use super::simplex::DualSimplex;
+use super::bank::Bank;
+use super::program::{Expected, Workspace};
 use super::support::{Side, Support, Verdict};
 use super::{Condition, DesignOptions, Progress};
+use crate::clock::Clock;
 use crate::error::DesignError;
 use crate::problem::{Problem, RowSource};
 use rayon::prelude::*;
+use std::collections::VecDeque;
 use std::ops::ControlFlow;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::time::Instant;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// What the search found.
 pub(super) struct Found {
@@ -27,43 +28,70 @@ pub(super) struct Found {
     pub(super) programs: usize,
 }
 
+/// Whether every pair has equal bounds: O = −O, and both sides of a pair have the same support.
+pub(super) fn is_symmetric(system: &Augmented) -> bool {
+    let equal = |l: f64| (l - 1.0).abs() <= 1e-13;
+    system.pairs.iter().all(|p| equal(p.lower_bound()))
+}
+
 /// Finds the horizon.
 pub(super) fn search(
     problem: &Problem,
     system: &mut Augmented,
-    boxes: &Boxes,
+    bank: &mut Bank,
     options: &DesignOptions<'_>,
-    started: Instant,
+    clock: &Clock,
 ) -> Result<Found, DesignError> {
     let search = Search {
         problem,
-        boxes,
         options,
-        started,
-        symmetric: system
-            .pairs
-            .iter()
-            .all(|p| p.lower.is_some_and(|l| (l.1 - 1.0).abs() <= 1e-13)),
-        stop: AtomicBool::new(false),
+        clock,
+        symmetric: is_symmetric(system),
         done: AtomicUsize::new(0),
+        total: AtomicUsize::new(0),
         at_least: AtomicUsize::new(1),
     };
     match options.condition {
-        Condition::Exact => search.exact(system),
-        Condition::Sufficient => search.sufficient(system),
+        Condition::Exact => search.exact(system, bank),
+        Condition::Sufficient => search.sufficient(system, bank),
     }
 }
 
+/// With more open rows than this, a few of them are asked first whether it is worth asking all.
+const SCOUTED: usize = 64;
+/// Number of rows asked first.
+const SCOUTS: usize = 16;
+/// Rows searched one after the other by one thread, so that each can start where its neighbours ended: at most so
+/// many, and at least so many parts that no thread is idle for long.
+const ROWS_PER_TASK: usize = 32;
+const TASKS: usize = 16;
+/// Rows done between two reports.
+const REPORT: usize = 64;
+
 struct Search<'a> {
     problem: &'a Problem,
-    boxes: &'a Boxes,
     options: &'a DesignOptions<'a>,
-    started: Instant,
-    /// Every pair has equal bounds: O = −O, and both sides of a pair have the same support.
+    clock: &'a Clock,
     symmetric: bool,
-    stop: AtomicBool,
     done: AtomicUsize,
+    total: AtomicUsize,
     at_least: AtomicUsize,
+}
+
+/// A side that is not spent at step `low`.
+#[derive(Clone, Copy)]
+struct Open {
+    side: Side,
+    low: usize,
+    /// Its support at `low`, when known.
+    support: f64,
+}
+
+/// What became of an open side.
+enum Outcome {
+    Spent(usize),
+    Open(Open),
+    Stopped(Open),
 }
 
 impl Search<'_> {
@@ -76,63 +104,86 @@ impl Search<'_> {
         upper.chain(lower).collect()
     }
 
-    fn exact(&self, system: &mut Augmented) -> Result<Found, DesignError> {
-        let mut open = self.sides(system);
-        let total = open.len();
+    fn exact(&self, system: &mut Augmented, bank: &mut Bank) -> Result<Found, DesignError> {
+        let start = |side| Open {
+            side,
+            low: 0,
+            support: f64::NAN,
+        };
+        let mut open: Vec<Open> = self.sides(system).into_iter().map(start).collect();
+        self.total.store(open.len(), Ordering::Relaxed);
         let mut spent = vec![[0_usize; 2]; system.pairs.len()];
         let mut programs = 0;
-        let (mut before, mut step) = (0, 1);
+        let mut hints = Hints::default();
+        let mut step = 1;
         // The first failing condition is at horizon max_horizon, whose rows stand at one step more.
         let last = self.options.max_horizon.saturating_add(1);
-        while !open.is_empty() {
+        loop {
             system.extend_to(step);
-            let support = Support::new(system, self.boxes, step - 1);
-            let hints = Hints::default();
-            let answers: Vec<(Side, Result<Outcome, DesignError>)> = open
-                .par_iter()
-                .map_init(DualSimplex::default, |simplex, &side| {
-                    (
-                        side,
-                        self.first_spent(simplex, &support, &hints, side, before, step),
-                    )
-                })
-                .collect();
+            bank.extend_to(system, step);
+            let support = Support::new(system, bank, step - 1, self.clock);
+            let mut done = Vec::new();
+            let mut worth = true;
+            if open.len() > SCOUTED {
+                let stride = open.len() / SCOUTS;
+                let scouts: Vec<Open> =
+                    (0..SCOUTS).map(|k| open.remove(k * (stride - 1))).collect();
+                let found = self.ask(&support, &scouts, &hints, step)?;
+                for (scout, outcome) in scouts.iter().zip(&found) {
+                    if let Outcome::Spent(at) = outcome {
+                        hints.add(support_profile(bank, scout.side, step), *at);
+                    }
+                }
+                let still = found.iter().filter(|o| !matches!(o, Outcome::Spent(_)));
+                worth = step == last || 4 * still.count() < SCOUTS;
+                done.extend(scouts.into_iter().map(|o| o.side).zip(found));
+            }
+            let mut waiting = Vec::new();
+            if worth && !self.clock.has_stopped() {
+                let found = self.ask(&support, &open, &hints, step)?;
+                done.extend(open.iter().map(|o| o.side).zip(found));
+            } else {
+                waiting = open;
+            }
             programs += support.programs();
-            let mut still = Vec::new();
-            let mut worst: Option<(Side, f64)> = None;
-            for (side, answer) in answers {
-                match answer? {
+            let mut stopped = self.clock.has_stopped();
+            for (side, outcome) in done {
+                match outcome {
                     Outcome::Spent(at) => {
                         spent[side.pair][usize::from(!side.upper)] = at;
                         if self.symmetric {
                             spent[side.pair][1] = at;
                         }
                     }
-                    Outcome::Open(value) => {
-                        if worst.is_none_or(|w| value > w.1) {
-                            worst = Some((side, value));
-                        }
-                        still.push(side);
+                    Outcome::Open(left) => waiting.push(left),
+                    Outcome::Stopped(left) => {
+                        stopped = true;
+                        waiting.push(left);
                     }
-                    Outcome::Stopped => still.push(side),
                 }
             }
-            open = still;
-            self.report(
-                total - open.len(),
-                total,
-                if open.is_empty() { 1 } else { step },
-            );
-            if self.stop.load(Ordering::Relaxed) {
+            open = waiting;
+            open.sort_by_key(|o| o.side);
+            self.report();
+            if open.is_empty() {
+                break;
+            }
+            if stopped || self.clock.has_stopped() {
                 return Err(DesignError::Interrupted {
-                    at_least: step.max(1),
+                    at_least: self.at_least.load(Ordering::Relaxed),
                     rows_left: open.len(),
                 });
             }
-            if let (Some((side, value)), true) = (worst, step >= last) {
-                return Err(self.not_determined(system, side, value, last - 1));
+            if step >= last {
+                let worst = open
+                    .iter()
+                    .max_by(|a, b| a.support.total_cmp(&b.support))
+                    .copied();
+                if let Some(worst) = worst {
+                    let trend = self.trend(system, bank, worst.side, last)?;
+                    return Err(self.not_determined(system, &worst, last - 1, &trend));
+                }
             }
-            before = step;
             step = (2 * step).min(last);
         }
         let latest = spent.iter().flatten().copied().max().unwrap_or(1);
@@ -143,75 +194,134 @@ impl Search<'_> {
         })
     }
 
-    /// First spent step in (before, step], or open.
-    fn first_spent(
+    /// First spent steps of rows up to `step`, in order.
+    fn ask(
         &self,
-        simplex: &mut DualSimplex,
         support: &Support<'_>,
+        open: &[Open],
         hints: &Hints,
-        side: Side,
-        before: usize,
         step: usize,
-    ) -> Result<Outcome, DesignError> {
-        if self.must_stop() {
-            return Ok(Outcome::Stopped);
+    ) -> Result<Vec<Outcome>, DesignError> {
+        let found: Vec<Result<Vec<Outcome>, DesignError>> = open
+            .par_chunks(open.len().div_ceil(TASKS).clamp(1, ROWS_PER_TASK))
+            .map_init(Workspace::default, |ws, chunk| {
+                let mut hints = hints.clone();
+                let mut outcomes = Vec::with_capacity(chunk.len());
+                for &row in chunk {
+                    let profile = support_profile(support.bank(), row.side, step);
+                    let hint = hints.nearest(&profile);
+                    let outcome = self.first_spent(ws, support, row, hint, step)?;
+                    if let Outcome::Spent(at) = outcome {
+                        hints.add(profile, at);
+                        self.at_least
+                            .fetch_max(at.saturating_sub(1), Ordering::Relaxed);
+                        let done = 1 + self.done.fetch_add(1, Ordering::Relaxed);
+                        if done.is_multiple_of(REPORT) {
+                            self.report();
+                        }
+                    }
+                    outcomes.push(outcome);
+                }
+                Ok(outcomes)
+            })
+            .collect();
+        let mut outcomes = Vec::with_capacity(open.len());
+        for part in found {
+            outcomes.extend(part?);
         }
-        match support.is_spent(simplex, side, step, step)? {
-            Verdict::NotSpent { support, .. } => return Ok(Outcome::Open(support)),
-            Verdict::Spent { .. } => {}
-        }
-        // Not spent at `low`, spent at `high`.
-        let (mut low, mut high) = (before, step);
-        while high - low > 1 {
-            if self.must_stop() {
-                return Ok(Outcome::Stopped);
-            }
-            let middle = hints.next(low, high);
-            match support.is_spent(simplex, side, middle, middle)? {
-                Verdict::Spent { .. } => high = middle,
-                Verdict::NotSpent { .. } => low = middle,
-            }
-        }
-        hints.found(high);
-        self.at_least
-            .fetch_max(high.saturating_sub(1), Ordering::Relaxed);
-        let done = 1 + self.done.fetch_add(1, Ordering::Relaxed);
-        if done.is_multiple_of(64) {
-            self.report(done, 0, 0);
-        }
-        Ok(Outcome::Spent(high))
+        Ok(outcomes)
     }
 
-    fn sufficient(&self, system: &mut Augmented) -> Result<Found, DesignError> {
+    /// First spent step in (row.low, step], or open.
+    fn first_spent(
+        &self,
+        ws: &mut Workspace,
+        support: &Support<'_>,
+        mut row: Open,
+        hint: Option<usize>,
+        step: usize,
+    ) -> Result<Outcome, DesignError> {
+        // Not spent at `row.low`, spent at `high` when that is known.
+        let mut high = None;
+        let mut next = hint.unwrap_or(step).clamp(row.low + 1, step);
+        let mut stride = 1;
+        loop {
+            if self.clock.has_stopped() {
+                return Ok(Outcome::Stopped(row));
+            }
+            let expected = if high.is_none() {
+                Expected::Spent
+            } else {
+                Expected::NotSpent
+            };
+            match support.is_spent(ws, row.side, next, next, expected)? {
+                Verdict::Spent => {
+                    high = Some(next);
+                    // A hint is nearly right: ask just below it, then further and further away.
+                    next = next.saturating_sub(stride).max(row.low + 1);
+                }
+                Verdict::NotSpent(value) => {
+                    row.low = next;
+                    row.support = value;
+                    self.at_least.fetch_max(next, Ordering::Relaxed);
+                    next += stride;
+                }
+                Verdict::Stopped => return Ok(Outcome::Stopped(row)),
+            }
+            stride *= 2;
+            match high {
+                Some(high) if high == row.low + 1 => return Ok(Outcome::Spent(high)),
+                Some(high) if next <= row.low || next >= high => next = (row.low + high) / 2,
+                Some(_) => {}
+                None if row.low >= step => return Ok(Outcome::Open(row)),
+                None => next = next.min(step),
+            }
+        }
+    }
+
+    fn sufficient(&self, system: &mut Augmented, bank: &mut Bank) -> Result<Found, DesignError> {
         let sides = self.sides(system);
-        let mut simplex = DualSimplex::default();
+        self.total.store(sides.len(), Ordering::Relaxed);
+        let mut ws = Workspace::default();
         let mut programs = 0;
         let mut first = 0;
         for horizon in 1..=self.options.max_horizon {
-            // In blocks, so that the rows are laid out once for many steps.
             let step = horizon + 1;
             system.extend_to(step);
-            let support = Support::new(system, self.boxes, 0);
+            bank.extend_to(system, step);
+            let support = Support::new(system, bank, 0, self.clock);
             let mut refused = None;
+            let ask = |ws: &mut Workspace, side: Side| match support.is_spent(
+                ws,
+                side,
+                step,
+                1,
+                Expected::Spent,
+            )? {
+                Verdict::Spent => Ok(None),
+                Verdict::NotSpent(value) => Ok(Some((side, value))),
+                Verdict::Stopped => Err(DesignError::Interrupted {
+                    at_least: horizon,
+                    rows_left: sides.len(),
+                }),
+            };
             for k in 0..sides.len() {
-                let side = sides[(first + k) % sides.len()];
-                if self.must_stop() {
+                let at = (first + k) % sides.len();
+                if self.clock.has_stopped() {
                     return Err(DesignError::Interrupted {
                         at_least: horizon,
                         rows_left: sides.len(),
                     });
                 }
-                if let Verdict::NotSpent { support: value, .. } =
-                    support.is_spent(&mut simplex, side, step, 1)?
-                {
-                    refused = Some((side, value));
-                    first = (first + k) % sides.len();
+                if let Some(found) = ask(&mut ws, sides[at])? {
+                    refused = Some(found);
+                    first = at;
                     break;
                 }
             }
             programs += support.programs();
             self.at_least.fetch_max(horizon, Ordering::Relaxed);
-            self.report(0, sides.len(), horizon);
+            self.report();
             match refused {
                 None => {
                     let both = [step, step];
@@ -221,8 +331,13 @@ impl Search<'_> {
                         programs,
                     });
                 }
-                Some((side, value)) if horizon == self.options.max_horizon => {
-                    return Err(self.not_determined(system, side, value, horizon));
+                Some((side, support)) if horizon == self.options.max_horizon => {
+                    let row = Open {
+                        side,
+                        low: step,
+                        support,
+                    };
+                    return Err(self.not_determined(system, &row, horizon, ""));
                 }
                 Some(_) => {}
             }
@@ -234,90 +349,111 @@ impl Search<'_> {
         })
     }
 
-    fn must_stop(&self) -> bool {
-        if self
-            .options
-            .time_limit
-            .is_some_and(|limit| self.started.elapsed() > limit)
-        {
-            self.stop.store(true, Ordering::Relaxed);
-        }
-        self.stop.load(Ordering::Relaxed)
-    }
-
-    fn report(&self, rows_done: usize, rows_total: usize, at_least: usize) {
-        let at_least = self
-            .at_least
-            .fetch_max(at_least, Ordering::Relaxed)
-            .max(at_least);
+    fn report(&self) {
         if let Some(progress) = self.options.progress {
             let told = progress(&Progress {
-                rows_done,
-                rows_total,
-                terminal_horizon_at_least: at_least,
+                rows_done: self.done.load(Ordering::Relaxed),
+                rows_total: self.total.load(Ordering::Relaxed),
+                terminal_horizon_at_least: self.at_least.load(Ordering::Relaxed),
             });
             if told == ControlFlow::Break(()) {
-                self.stop.store(true, Ordering::Relaxed);
+                self.clock.stop();
             }
         }
+    }
+
+    /// The support of a side over the steps, in words.
+    fn trend(
+        &self,
+        system: &Augmented,
+        bank: &Bank,
+        side: Side,
+        last: usize,
+    ) -> Result<String, DesignError> {
+        let support = Support::new(system, bank, last - 1, self.clock);
+        let mut ws = Workspace::default();
+        let mut text = Vec::new();
+        for quarter in 1..=4 {
+            let step = (last * quarter / 4).max(1);
+            if let Verdict::NotSpent(value) =
+                support.is_spent(&mut ws, side, step, step, Expected::NotSpent)?
+            {
+                text.push(format!("{value:.6} at step {step}"));
+            }
+        }
+        text.dedup();
+        Ok(text.join(", "))
     }
 
     fn not_determined(
         &self,
         system: &Augmented,
-        side: Side,
-        support: f64,
+        row: &Open,
         reached: usize,
+        trend: &str,
     ) -> DesignError {
-        let pair = &system.pairs[side.pair];
-        let row = if side.upper {
-            pair.upper
-        } else {
-            pair.lower.map_or(pair.upper, |l| l.0)
+        let pair = &system.pairs[row.side.pair];
+        let index = match pair.lower {
+            Some((lower, _)) if !row.side.upper => lower,
+            _ => pair.upper,
         };
-        let source: RowSource = self.problem.rows().source[row];
+        let source: RowSource = self.problem.rows().source[index];
+        let mut hint = if trend.is_empty() {
+            String::new()
+        } else {
+            format!("Its support over the steps: {trend}. ")
+        };
+        hint.push_str(&format!(
+            "Allow more steps (max_horizon), lower the scaling ({}), choose a faster gain, or widen that bound",
+            self.problem.scaling()
+        ));
         DesignError::HorizonNotDetermined {
             reached,
             row: source.to_string(),
-            support,
+            support: row.support,
             known: format!("it is at least {}", reached + 1),
-            hint: format!(
-                "Allow more steps (max_horizon), lower the scaling ({}), choose a faster gain, or widen that bound",
-                self.problem.scaling()
-            ),
+            hint,
         }
     }
 }
 
-enum Outcome {
-    Spent(usize),
-    /// Not spent at the last step asked; the value of a witness.
-    Open(f64),
-    Stopped,
+/// How a row fades: the value of its e part over the box after 0, 1, 2, 4, … steps, as logarithms.
+type Profile = Vec<f64>;
+
+fn support_profile(bank: &Bank, side: Side, last: usize) -> Profile {
+    let steps = std::iter::once(0).chain((0..).map(|k| 1_usize << k));
+    steps
+        .take_while(|&s| s < last)
+        .map(|s| bank.total(bank.moving(side.pair, s)).max(1e-300).ln())
+        .collect()
 }
 
-/// Where the rows found so far were first spent; neighbours often agree.
-#[derive(Default)]
+/// Where rows were first spent. Rows that fade alike are spent alike.
+#[derive(Clone, Default)]
 struct Hints {
-    last: AtomicUsize,
+    recent: VecDeque<(Profile, usize)>,
 }
+
+/// Rows remembered.
+const REMEMBERED: usize = 24;
 
 impl Hints {
-    fn found(&self, step: usize) {
-        self.last.store(step, Ordering::Relaxed);
+    fn add(&mut self, profile: Profile, at: usize) {
+        if self.recent.len() == REMEMBERED {
+            self.recent.pop_front();
+        }
+        self.recent.push_back((profile, at));
     }
 
-    /// The step to ask next between `low` (not spent) and `high` (spent).
-    fn next(&self, low: usize, high: usize) -> usize {
-        let last = self.last.load(Ordering::Relaxed);
-        // If the neighbour's step fits, ask just before it and at it: two programs settle the row.
-        if last < high && last > low {
-            last
-        } else if last == high || last == low + 1 {
-            high - 1
-        } else {
-            low + (high - low) / 2
-        }
-        .clamp(low + 1, high - 1)
+    fn nearest(&self, profile: &[f64]) -> Option<usize> {
+        let distance = |other: &[f64]| -> f64 {
+            let parts = profile.iter().zip(other).map(|(a, b)| (a - b).abs());
+            parts.sum()
+        };
+        self.recent
+            .iter()
+            .map(|(p, at)| (distance(p), *at))
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+            .map(|best| best.1)
     }
 }

@@ -1,26 +1,35 @@
 //! Terminal ingredients: K, P, the steady-state basis and the terminal horizon.
 
 mod augmented;
+mod bank;
 mod boxes;
 mod explicit_set;
 mod horizon;
+mod program;
+mod proofs;
 mod simplex;
 mod support;
+#[cfg(test)]
+mod tests;
 
 pub use explicit_set::MaximalAdmissibleSet;
+pub(crate) use proofs::Proofs;
+pub(crate) use support::RowId;
 
+use crate::clock::Clock;
 use crate::error::DesignError;
-use crate::linalg;
-use crate::lqr::{self, TerminalLaw};
+use crate::lqr::{self, Law, TerminalLaw};
 use crate::matrix::SparseMatrix;
 use crate::problem::{Problem, RowSource, Task};
 use crate::steady_state::SteadyStates;
 use augmented::Augmented;
+use bank::Bank;
 use boxes::Boxes;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::ops::ControlFlow;
-use std::time::{Duration, Instant};
+use std::sync::OnceLock;
+use std::time::Duration;
 
 /// Which form of (15)/(26) the terminal horizon satisfies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -113,9 +122,9 @@ impl fmt::Debug for DesignOptions<'_> {
 #[derive(Clone, Debug)]
 pub struct TerminalIngredients {
     problem: Problem,
-    law: TerminalLaw,
-    gain: SparseMatrix,
-    weight: SparseMatrix,
+    law: Law,
+    /// The law once more, for computations with full matrices.
+    dense_law: OnceLock<TerminalLaw>,
     steady_states: SteadyStates,
     condition: Condition,
     terminal_horizon: usize,
@@ -140,10 +149,11 @@ pub struct Assumption {
 /// # Errors
 /// [`DesignError::NotStabilizable`], [`DesignError::NotSchur`], [`DesignError::Unbounded`], [`DesignError::Solver`].
 pub fn check_assumption(problem: &Problem) -> Result<Assumption, DesignError> {
-    let law = lqr::terminal_law(problem)?;
+    let clock = Clock::unlimited();
+    let law = lqr::terminal_law(problem, &clock)?;
     let steady_states = SteadyStates::of(problem)?;
     let mut system = Augmented::new(problem, &law.gain, &law.closed_loop, &steady_states);
-    Boxes::of(&mut system)?;
+    Boxes::of(&mut system, &clock)?;
     Ok(Assumption {
         spectral_radius: law.spectral_radius,
         steady_states,
@@ -157,6 +167,54 @@ impl TerminalIngredients {
     /// [`DesignError::NotStabilizable`], [`DesignError::NotSchur`], [`DesignError::Unbounded`],
     /// [`DesignError::HorizonNotDetermined`], [`DesignError::Interrupted`], [`DesignError::Solver`].
     pub fn design(problem: &Problem, options: &DesignOptions<'_>) -> Result<Self, DesignError> {
+        let clock = Clock::start(options.time_limit);
+        let law = lqr::terminal_law(problem, &clock)?;
+        let steady_states = SteadyStates::of(problem)?;
+        let mut system = Augmented::new(problem, &law.gain, &law.closed_loop, &steady_states);
+        Self::search(problem, law, steady_states, &mut system, options, &clock)
+    }
+
+    /// The same for several scalings λ, in their order. K, P, M_θ and the rows along the terminal law are computed
+    /// once; the time limit holds for each scaling.
+    ///
+    /// # Errors
+    /// As [`design`](Self::design) for everything that does not depend on λ; what fails for one λ fails in its place.
+    pub fn design_all(
+        problem: &Problem,
+        scalings: &[f64],
+        options: &DesignOptions<'_>,
+    ) -> Result<Vec<Result<Self, DesignError>>, DesignError> {
+        let law = lqr::terminal_law(problem, &Clock::start(options.time_limit))?;
+        let steady_states = SteadyStates::of(problem)?;
+        let mut system = Augmented::new(problem, &law.gain, &law.closed_loop, &steady_states);
+        // The largest λ first: its box is the widest, and what it drops from a row is negligible for the others too.
+        let mut order: Vec<usize> = (0..scalings.len()).collect();
+        order.sort_by(|&i, &j| scalings[j].total_cmp(&scalings[i]));
+        let mut designs: Vec<Option<Result<Self, DesignError>>> = vec![None; scalings.len()];
+        for i in order {
+            let clock = Clock::start(options.time_limit);
+            let one = problem
+                .clone()
+                .with_scaling(scalings[i])
+                .and_then(|problem| {
+                    system.scale_to(problem.scaling());
+                    let (law, steady_states) = (law.clone(), steady_states.clone());
+                    Self::search(&problem, law, steady_states, &mut system, options, &clock)
+                });
+            designs[i] = Some(one);
+        }
+        Ok(designs.into_iter().flatten().collect())
+    }
+
+    /// The horizon, when everything else is known.
+    fn search(
+        problem: &Problem,
+        law: Law,
+        steady_states: SteadyStates,
+        system: &mut Augmented,
+        options: &DesignOptions<'_>,
+        clock: &Clock,
+    ) -> Result<Self, DesignError> {
         if options.max_horizon == 0 {
             return Err(DesignError::OutOfRange {
                 what: "max_horizon".into(),
@@ -164,12 +222,8 @@ impl TerminalIngredients {
                 found: "0".into(),
             });
         }
-        let started = Instant::now();
-        let law = lqr::terminal_law(problem)?;
-        let steady_states = SteadyStates::of(problem)?;
-        let mut system = Augmented::new(problem, &law.gain, &law.closed_loop, &steady_states);
-        let boxes = Boxes::of(&mut system)?;
-        let found = horizon::search(problem, &mut system, &boxes, options, started)?;
+        let mut bank = within_a_box(system, Room::AsIs, clock)?;
+        let found = horizon::search(problem, system, &mut bank, options, clock)?;
         let mut spent = vec![1; problem.rows().len()];
         for (pair, at) in system.pairs.iter().zip(&found.spent) {
             spent[pair.upper] = at[0];
@@ -179,15 +233,14 @@ impl TerminalIngredients {
         }
         Ok(Self {
             problem: problem.clone(),
-            gain: linalg::sparse(&law.gain),
-            weight: linalg::sparse(&law.weight),
             law,
+            dense_law: OnceLock::new(),
             steady_states,
             condition: options.condition,
             terminal_horizon: found.horizon,
             spent,
             linear_programs: found.programs,
-            elapsed: started.elapsed(),
+            elapsed: clock.elapsed(),
         })
     }
 
@@ -198,12 +251,12 @@ impl TerminalIngredients {
 
     /// K of the terminal law u = K x + L θ, m × n.
     pub fn gain(&self) -> &SparseMatrix {
-        &self.gain
+        &self.law.gain
     }
 
     /// P, the solution of (3) for this K, n × n.
     pub fn terminal_weight(&self) -> &SparseMatrix {
-        &self.weight
+        &self.law.weight
     }
 
     /// The basis M_θ of the steady states (6).
@@ -266,13 +319,8 @@ impl TerminalIngredients {
     /// [`DesignError::Solver`] when a redundancy cannot be decided with a checked answer.
     pub fn maximal_admissible_set(&self) -> Result<MaximalAdmissibleSet, DesignError> {
         let mut system = self.augmented();
-        let boxes = Boxes::of(&mut system)?;
-        explicit_set::irredundant(
-            &mut system,
-            &boxes.doubled(),
-            &self.steady_states,
-            &self.spent,
-        )
+        let mut bank = within_a_box(&mut system, Room::Doubled, &Clock::unlimited())?;
+        explicit_set::irredundant(&mut system, &mut bank, &self.steady_states, &self.spent)
     }
 
     /// C M_θx + D M_θu, rows × m.
@@ -287,7 +335,7 @@ impl TerminalIngredients {
 
     /// K, P and A + B K, dense.
     pub(crate) fn law(&self) -> &TerminalLaw {
-        &self.law
+        self.dense_law.get_or_init(|| self.law.to_dense())
     }
 
     /// First spent step of constraint row i.
@@ -303,4 +351,25 @@ impl TerminalIngredients {
             &self.steady_states,
         )
     }
+}
+
+/// Which box a computation needs.
+#[derive(Clone, Copy)]
+enum Room {
+    /// That of the set.
+    AsIs,
+    /// That of the set with any one row left out.
+    Doubled,
+}
+
+/// The box of a system, and its rows laid out in it.
+fn within_a_box(system: &mut Augmented, room: Room, clock: &Clock) -> Result<Bank, DesignError> {
+    let boxes = match room {
+        Room::AsIs => Boxes::of(system, clock)?,
+        Room::Doubled => Boxes::of(system, clock)?.doubled(),
+    };
+    if boxes.valid.iter().all(|&v| v) {
+        system.drop_within(&boxes.beta);
+    }
+    Ok(Bank::new(system, &boxes))
 }

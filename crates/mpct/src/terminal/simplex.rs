@@ -7,8 +7,15 @@
 //! iterate carries multipliers y ≥ 0 with Σ y_k r_k = w, so Σ y_k b_k is an upper bound of the optimum *before* the
 //! method has ended, and most questions end early.
 //!
+//! Nearly all of the time goes into the products r_k·z. A pass over all rows therefore keeps its worst few; pivots
+//! are chosen among these until they are satisfied or stale, and only then all rows are looked at again.
+//!
 //! Source: dual simplex with an explicit inverse, Bertsimas and Tsitsiklis, "Introduction to Linear Optimization",
-//! section 4.5; bounded rows as in Maros, "Computational Techniques of the Simplex Method", chapter 10.
+//! section 4.5; bounded rows as in Maros, "Computational Techniques of the Simplex Method", chapter 10, multiple
+//! pricing in chapter 9.
+
+use crate::clock::Clock;
+use crate::linalg::{self, Dense};
 
 /// Rows −l ≤ r·z ≤ u, dense, row-major. An infinite bound is no bound.
 pub(super) struct Rows<'a> {
@@ -20,12 +27,12 @@ pub(super) struct Rows<'a> {
     pub(super) upper: &'a [f64],
     /// l.
     pub(super) lower: &'a [f64],
-    /// 1/‖r_k‖₂, to compare violations.
+    /// 1/‖r_k‖₂, to compare violations; 0 for a row of zeros.
     pub(super) inverse_norms: &'a [f64],
 }
 
 impl Rows<'_> {
-    pub(super) fn row(&self, k: usize) -> &[f64] {
+    fn row(&self, k: usize) -> &[f64] {
         &self.coefficients[k * self.width..(k + 1) * self.width]
     }
 }
@@ -35,37 +42,41 @@ impl Rows<'_> {
 pub(super) enum Ending {
     /// z is feasible and optimal.
     Optimal,
-    /// The upper bound fell to the threshold; z need not be feasible.
+    /// The upper bound fell to the lower threshold; z need not be feasible.
     Below,
+    /// z scaled back until it is feasible has a value above the upper threshold.
+    Above,
     /// Neither, within the pivots allowed.
     PivotLimit,
-}
-
-/// The last iterate.
-pub(super) struct Solution {
-    pub(super) ending: Ending,
-    /// The vertex.
-    pub(super) z: Vec<f64>,
-    /// (row, true for its upper side, multiplier > 0).
-    pub(super) multipliers: Vec<(usize, bool, f64)>,
-    /// Σ y b, box included: an upper bound of the optimum.
-    pub(super) bound: f64,
+    /// The clock rang.
+    Stopped,
 }
 
 /// A row violated by less than this, relative to its norm, counts as satisfied. The answers are checked against
 /// their own bound afterwards, so this only has to stop the method from chasing rounding.
 const FEASIBILITY: f64 = 1e-11;
-/// Pivots smaller than this, relative to the largest candidate, spoil the inverse.
+/// Entries of α smaller than this, relative to the largest, are no pivots.
 const PIVOT: f64 = 1e-9;
-/// Ties of the ratio test within this are broken by the larger pivot.
-const TIE: f64 = 1e-12;
+/// Pivots smaller than this, relative to the largest candidate, are taken only from a fresh inverse.
+const DOUBTFUL: f64 = 1e-5;
+/// The ratio test lets multipliers become this negative if that gives a larger pivot (Harris). The verdict counts
+/// negative multipliers as left over.
+const HARRIS: f64 = 1e-12;
+/// Rows kept from a pass over all of them. With fewer, passes become frequent; with more, the choice costs what a
+/// pass costs.
+const CANDIDATES: usize = 24;
+/// A candidate is stale when it is violated by less than this share of the worst at the last pass.
+const STALE: f64 = 0.2;
+/// Pivots after which the inverse is computed anew, so that rounding does not pile up in it.
+const REFRESH: usize = 100;
+/// Pivots after which the inverse is not trusted to end the method.
+const WORN: usize = 16;
+/// Entering rows refused for want of a pivot before the method gives up.
+const REFUSALS: usize = 50;
+/// Pivots between two looks at the clock.
+const CLOCK: usize = 16;
 
-/// Pivots after which the inverse is computed afresh.
-const REFACTOR: usize = 100;
-/// Times the method goes on after a look with a fresh inverse.
-const ROUNDS: usize = 4;
-
-#[derive(Clone, Copy, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 enum Basic {
     /// Box of variable j; +1 or −1.
     Box(usize, f64),
@@ -73,7 +84,7 @@ enum Basic {
     Row(usize, f64),
 }
 
-/// Scratch memory and method; one per thread.
+/// Scratch memory and method; one per thread. After [`DualSimplex::maximise`] it holds the last iterate.
 #[derive(Default)]
 pub(super) struct DualSimplex {
     /// Columns of B⁻¹, one after the other.
@@ -82,12 +93,32 @@ pub(super) struct DualSimplex {
     y: Vec<f64>,
     z: Vec<f64>,
     alpha: Vec<f64>,
+    candidates: Vec<(f64, Basic)>,
+    /// Violation of the worst candidate when all rows were last looked at.
+    worst: f64,
+    /// How far z, when all rows were looked at, was beyond the rows: z/reach is feasible. Infinite after a pivot.
+    reach: f64,
+    pivots: usize,
+    /// Pivots since the inverse was computed from the basis.
+    since_fresh: usize,
 }
 
+/// What became of a pivot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Pivot {
+    Made,
+    /// Only a small one was found, and the inverse is not fresh: nothing was changed.
+    Doubtful,
+    /// No row can leave, which exact arithmetic excludes: the origin is feasible.
+    None,
+}
+
+/// Σ a_i b_i.
+#[inline(always)]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
-    // Four partial sums let the compiler vectorise without reordering one sum.
-    let mut s = [0.0; 4];
-    let (ca, cb) = (a.chunks_exact(4), b.chunks_exact(4));
+    // Partial sums let the compiler vectorise without reordering one sum.
+    let mut s = [0.0; 8];
+    let (ca, cb) = (a.chunks_exact(8), b.chunks_exact(8));
     let tail: f64 = ca
         .remainder()
         .iter()
@@ -95,80 +126,109 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
         .map(|(x, y)| x * y)
         .sum();
     for (x, y) in ca.zip(cb) {
-        for i in 0..4 {
+        for i in 0..8 {
             s[i] += x[i] * y[i];
         }
     }
-    (s[0] + s[1]) + (s[2] + s[3]) + tail
+    ((s[0] + s[1]) + (s[2] + s[3])) + ((s[4] + s[5]) + (s[6] + s[7])) + tail
 }
 
 impl DualSimplex {
-    /// Runs until the optimum is found or proved to be at most `threshold`. `skip` is a row left out.
+    /// Runs until the optimum is found, proved to be at most `thresholds[0]`, or proved to be more than
+    /// `thresholds[1]`. `skip` is a row left out.
     pub(super) fn maximise(
         &mut self,
         w: &[f64],
         rows: &Rows<'_>,
-        threshold: f64,
+        thresholds: [f64; 2],
         skip: Option<(usize, bool)>,
-    ) -> Solution {
+        clock: &Clock,
+    ) -> Ending {
         let d = rows.width;
         self.start_at_box(w);
-        let limit = 200 + 20 * d;
-        let (mut pivots, mut since, mut rounds) = (0, 0, 0);
-        let ending = loop {
-            // Rank-one updates wear the inverse out: it is computed afresh now and then, and before an end is believed.
-            if since >= REFACTOR && !self.refactor(w, rows) {
-                break Ending::PivotLimit;
-            }
-            if since >= REFACTOR {
-                since = 0;
-            }
+        let limit = 1000 + 40 * d;
+        let mut refused = 0;
+        loop {
             let bound = self.bound(rows);
-            if bound <= threshold && (since == 0 || rounds > 0) {
-                break Ending::Below;
-            }
-            let entering = if bound <= threshold {
-                None
-            } else {
-                self.most_violated(rows, skip)
-            };
-            let moved = match entering {
-                Some((entering, side)) if pivots < limit * (rounds + 1) => {
-                    self.pivot(rows, entering, side)
+            // Rank-one updates wear the inverse out: a long run looks once more with a fresh one before it ends.
+            if bound <= thresholds[0] {
+                if self.is_worn() && self.refresh(rows, w) {
+                    continue;
                 }
-                _ => false,
-            };
-            if moved {
-                pivots += 1;
-                since += 1;
-                continue;
+                return Ending::Below;
             }
-            // Stuck or done. Believe it when the inverse is fresh; otherwise look again.
-            if since > 0 && rounds < ROUNDS && self.refactor(w, rows) {
-                since = 0;
-                rounds += 1;
-                continue;
-            }
-            break if entering.is_none() {
-                Ending::Optimal
-            } else {
-                Ending::PivotLimit
+            let Some((entering, violation)) = self.entering(rows, skip) else {
+                if self.is_worn() && self.refresh(rows, w) {
+                    continue;
+                }
+                return Ending::Optimal;
             };
-        };
-        Solution {
-            ending,
-            z: self.z.clone(),
-            multipliers: self
-                .basis
-                .iter()
-                .zip(&self.y)
-                .filter_map(|(b, &y)| match *b {
-                    Basic::Row(k, side) if y > 0.0 => Some((k, side > 0.0, y)),
-                    _ => None,
-                })
-                .collect(),
-            bound: self.bound(rows),
+            // w·z is the bound, at every basis.
+            if bound > thresholds[1] * self.reach {
+                return Ending::Above;
+            }
+            let fresh = self.since_fresh == 0;
+            match self.pivot(rows, entering, violation, fresh) {
+                Pivot::Made => {
+                    self.pivots += 1;
+                    self.since_fresh += 1;
+                    if self.pivots >= limit
+                        || (self.since_fresh == REFRESH && !self.refresh(rows, w))
+                    {
+                        return Ending::PivotLimit;
+                    }
+                }
+                Pivot::Doubtful | Pivot::None if !fresh => {
+                    if !self.refresh(rows, w) {
+                        return Ending::PivotLimit;
+                    }
+                }
+                Pivot::Doubtful | Pivot::None => {
+                    // Exact arithmetic has a pivot for every row: this one depends on the basis up to rounding.
+                    self.candidates.retain(|c| c.1 != entering);
+                    refused += 1;
+                    if refused == REFUSALS {
+                        return Ending::PivotLimit;
+                    }
+                }
+            }
+            if self.pivots.is_multiple_of(CLOCK) && clock.has_stopped() {
+                return Ending::Stopped;
+            }
         }
+    }
+
+    fn is_worn(&self) -> bool {
+        self.since_fresh > WORN
+    }
+
+    /// The vertex.
+    pub(super) fn point(&self) -> &[f64] {
+        &self.z
+    }
+
+    /// (row, true for its upper side, multiplier > 0).
+    pub(super) fn multipliers(&self) -> impl Iterator<Item = (usize, bool, f64)> + '_ {
+        self.basis
+            .iter()
+            .zip(&self.y)
+            .filter_map(|(b, &y)| match *b {
+                Basic::Row(k, side) if y > 0.0 => Some((k, side > 0.0, y)),
+                _ => None,
+            })
+    }
+
+    /// Σ y b, box included: an upper bound of the optimum.
+    pub(super) fn bound(&self, rows: &Rows<'_>) -> f64 {
+        self.basis
+            .iter()
+            .zip(&self.y)
+            .map(|(b, &y)| match *b {
+                Basic::Box(..) => y,
+                Basic::Row(k, side) if side > 0.0 => y * rows.upper[k],
+                Basic::Row(k, _) => y * rows.lower[k],
+            })
+            .sum()
     }
 
     /// The vertex of the box in the direction of w: its multipliers are |w|.
@@ -181,6 +241,11 @@ impl DualSimplex {
         self.z.clear();
         self.alpha.clear();
         self.alpha.resize(d, 0.0);
+        self.candidates.clear();
+        self.worst = f64::INFINITY;
+        self.reach = f64::INFINITY;
+        self.pivots = 0;
+        self.since_fresh = 0;
         for (j, &wj) in w.iter().enumerate() {
             let side = if wj < 0.0 { -1.0 } else { 1.0 };
             self.inverse[j * d + j] = side;
@@ -190,128 +255,80 @@ impl DualSimplex {
         }
     }
 
-    /// The inverse, the vertex and the multipliers of the basis from the rows; false when the basis is singular. A
-    /// multiplier that turns out negative ends the method's guarantee of descent but not that of its bounds, which the
-    /// caller takes from the rows.
-    fn refactor(&mut self, w: &[f64], rows: &Rows<'_>) -> bool {
-        let d = rows.width;
-        // B side by side with the identity, rows of 2 d, eliminated to the identity side by side with B⁻¹.
-        let mut table = vec![0.0; 2 * d * d];
-        for (i, line) in table.chunks_exact_mut(2 * d).enumerate() {
-            match self.basis[i] {
-                Basic::Box(j, side) => line[j] = side,
-                Basic::Row(k, side) => line[..d]
-                    .iter_mut()
-                    .zip(rows.row(k))
-                    .for_each(|(l, v)| *l = side * v),
-            }
-            line[d + i] = 1.0;
+    /// The row, or side of the box, to enter the basis, with its violation.
+    fn entering(&mut self, rows: &Rows<'_>, skip: Option<(usize, bool)>) -> Option<(Basic, f64)> {
+        if let Some((scaled, basic, violation)) = self.worst_candidate(rows)
+            && scaled > STALE * self.worst
+        {
+            return Some((basic, violation));
         }
-        for c in 0..d {
-            let Some(p) = (c..d).max_by(|&a, &b| {
-                table[a * 2 * d + c]
-                    .abs()
-                    .total_cmp(&table[b * 2 * d + c].abs())
-            }) else {
-                return false;
-            };
-            if !(table[p * 2 * d + c].abs() > f64::MIN_POSITIVE) {
-                return false;
-            }
-            for t in 0..2 * d {
-                table.swap(c * 2 * d + t, p * 2 * d + t);
-            }
-            let pivot = table[c * 2 * d + c];
-            table[c * 2 * d..(c + 1) * 2 * d]
-                .iter_mut()
-                .for_each(|v| *v /= pivot);
-            let (head, rest) = table.split_at_mut(c * 2 * d);
-            let (line, tail) = rest.split_at_mut(2 * d);
-            for other in head
-                .chunks_exact_mut(2 * d)
-                .chain(tail.chunks_exact_mut(2 * d))
-            {
-                let factor = other[c];
-                if factor != 0.0 {
-                    other
-                        .iter_mut()
-                        .zip(line.iter())
-                        .for_each(|(o, v)| *o -= factor * v);
-                }
-            }
-        }
-        for i in 0..d {
-            for c in 0..d {
-                self.inverse[c * d + i] = table[i * 2 * d + d + c];
-            }
-        }
-        self.z.fill(0.0);
-        for (c, column) in self.inverse.chunks_exact(d).enumerate() {
-            self.y[c] = dot(column, w).max(0.0);
-            let bound = match self.basis[c] {
-                Basic::Box(..) => 1.0,
-                Basic::Row(k, side) => {
-                    if side > 0.0 {
-                        rows.upper[k]
-                    } else {
-                        rows.lower[k]
-                    }
-                }
-            };
-            self.z
-                .iter_mut()
-                .zip(column)
-                .for_each(|(z, v)| *z += bound * v);
-        }
-        true
+        self.look_at_all(rows, skip);
+        let (scaled, basic, violation) = self.worst_candidate(rows)?;
+        self.worst = scaled;
+        Some((basic, violation))
     }
 
-    fn bound(&self, rows: &Rows<'_>) -> f64 {
-        self.basis
-            .iter()
-            .zip(&self.y)
-            .map(|(b, &y)| match *b {
-                Basic::Box(..) => y,
-                Basic::Row(k, side) => {
-                    y * if side > 0.0 {
-                        rows.upper[k]
-                    } else {
-                        rows.lower[k]
-                    }
-                }
-            })
-            .sum()
-    }
-
-    /// The row, or side of the box, that z violates most relative to its norm.
-    fn most_violated(&self, rows: &Rows<'_>, skip: Option<(usize, bool)>) -> Option<(Basic, f64)> {
+    /// The candidate violated most: relative to its norm, and absolutely.
+    fn worst_candidate(&self, rows: &Rows<'_>) -> Option<(f64, Basic, f64)> {
         let mut worst = FEASIBILITY;
         let mut found = None;
-        for (k, row) in rows.coefficients.chunks_exact(rows.width).enumerate() {
-            let value = dot(row, &self.z);
-            let above = (value - rows.upper[k]) * rows.inverse_norms[k];
-            let below = (-value - rows.lower[k]) * rows.inverse_norms[k];
-            if above > worst && skip != Some((k, true)) {
-                worst = above;
-                found = Some((Basic::Row(k, 1.0), value - rows.upper[k]));
-            }
-            if below > worst && skip != Some((k, false)) {
-                worst = below;
-                found = Some((Basic::Row(k, -1.0), -value - rows.lower[k]));
-            }
-        }
-        for (j, &zj) in self.z.iter().enumerate() {
-            if zj.abs() - 1.0 > worst {
-                worst = zj.abs() - 1.0;
-                found = Some((Basic::Box(j, zj.signum()), worst));
+        for &(_, basic) in &self.candidates {
+            let (violation, inverse_norm) = match basic {
+                Basic::Box(j, side) => (side * self.z[j] - 1.0, 1.0),
+                Basic::Row(k, side) => {
+                    let bound = if side > 0.0 {
+                        rows.upper[k]
+                    } else {
+                        rows.lower[k]
+                    };
+                    (
+                        side * dot(rows.row(k), &self.z) - bound,
+                        rows.inverse_norms[k],
+                    )
+                }
+            };
+            let scaled = violation * inverse_norm;
+            if scaled > worst {
+                worst = scaled;
+                found = Some((scaled, basic, violation));
             }
         }
         found
     }
 
-    /// Exchanges the entering row for the one whose multiplier reaches zero first. False when no row can leave,
-    /// which exact arithmetic excludes: the origin is feasible.
-    fn pivot(&mut self, rows: &Rows<'_>, entering: Basic, violation: f64) -> bool {
+    /// Keeps the rows and sides of the box that z violates most.
+    fn look_at_all(&mut self, rows: &Rows<'_>, skip: Option<(usize, bool)>) {
+        let Self { candidates, z, .. } = self;
+        let mut reach = 1.0_f64;
+        candidates.clear();
+        for (k, row) in rows.coefficients.chunks_exact(rows.width).enumerate() {
+            let value = dot(row, z);
+            let above = (value - rows.upper[k]) * rows.inverse_norms[k];
+            let below = (-value - rows.lower[k]) * rows.inverse_norms[k];
+            if above > FEASIBILITY && skip != Some((k, true)) {
+                reach = reach.max(value / rows.upper[k]);
+                candidates.push((above, Basic::Row(k, 1.0)));
+            }
+            if below > FEASIBILITY && skip != Some((k, false)) {
+                reach = reach.max(-value / rows.lower[k]);
+                candidates.push((below, Basic::Row(k, -1.0)));
+            }
+        }
+        for (j, &zj) in z.iter().enumerate() {
+            if zj.abs() - 1.0 > FEASIBILITY {
+                reach = reach.max(zj.abs());
+                candidates.push((zj.abs() - 1.0, Basic::Box(j, zj.signum())));
+            }
+        }
+        if candidates.len() > CANDIDATES {
+            candidates.select_nth_unstable_by(CANDIDATES, |a, b| b.0.total_cmp(&a.0));
+            candidates.truncate(CANDIDATES);
+        }
+        self.reach = reach;
+    }
+
+    /// Exchanges the entering row for one whose multiplier reaches zero first, up to rounding.
+    fn pivot(&mut self, rows: &Rows<'_>, entering: Basic, violation: f64, fresh: bool) -> Pivot {
         let d = rows.width;
         // α = B⁻ᵀ r: the entering row as a combination of the basic ones.
         let mut largest = 0.0_f64;
@@ -323,28 +340,31 @@ impl DualSimplex {
             self.alpha[c] = a;
             largest = largest.max(a.abs());
         }
-        let mut leaving = None;
-        let mut step = f64::INFINITY;
-        for (c, &a) in self.alpha.iter().enumerate() {
-            if a > PIVOT * largest {
-                let ratio = self.y[c] / a;
-                let better = match leaving {
-                    None => true,
-                    Some(l) => ratio < step - TIE || (ratio < step + TIE && a > self.alpha[l]),
-                };
-                if better {
-                    step = ratio;
-                    leaving = Some(c);
-                }
-            }
+        let smallest = PIVOT * largest;
+        let ratios = || {
+            let entries = self.alpha.iter().zip(&self.y).enumerate();
+            entries.filter(|(_, (a, _))| **a > smallest)
+        };
+        let step = ratios()
+            .map(|(_, (a, y))| (y.max(0.0) + HARRIS) / a)
+            .fold(f64::INFINITY, f64::min);
+        let leaving = ratios()
+            .filter(|(_, (a, y))| y.max(0.0) / **a <= step)
+            .max_by(|(_, (a, _)), (_, (b, _))| a.total_cmp(b));
+        let Some((l, _)) = leaving else {
+            return Pivot::None;
+        };
+        if !fresh && self.alpha[l] < DOUBTFUL * largest {
+            return Pivot::Doubtful;
         }
-        let Some(l) = leaving else { return false };
+        let step = self.y[l].max(0.0) / self.alpha[l];
         let pivot = self.alpha[l];
         for (c, y) in self.y.iter_mut().enumerate() {
-            *y = (*y - step * self.alpha[c]).max(0.0);
+            *y -= step * self.alpha[c];
         }
-        self.y[l] = step.max(0.0);
+        self.y[l] = step;
         self.basis[l] = entering;
+        self.reach = f64::INFINITY;
         let (before, rest) = self.inverse.split_at_mut(l * d);
         let (column, after) = rest.split_at_mut(d);
         for v in column.iter_mut() {
@@ -362,6 +382,94 @@ impl DualSimplex {
                 }
             }
         }
+        Pivot::Made
+    }
+
+    /// B⁻¹, y and z from the basis itself. False when the basis is singular.
+    fn refresh(&mut self, rows: &Rows<'_>, w: &[f64]) -> bool {
+        let d = rows.width;
+        let b = Dense::from_fn(d, d, |c, j| match self.basis[c] {
+            Basic::Box(k, side) if k == j => side,
+            Basic::Box(..) => 0.0,
+            Basic::Row(k, side) => side * rows.row(k)[j],
+        });
+        let Some(inverse) = linalg::inverse(&b) else {
+            return false;
+        };
+        for (c, column) in self.inverse.chunks_exact_mut(d).enumerate() {
+            for (i, v) in column.iter_mut().enumerate() {
+                *v = inverse[(i, c)];
+            }
+        }
+        // Bᵀ y = w and B z = b.
+        self.since_fresh = 0;
+        self.z.iter_mut().for_each(|z| *z = 0.0);
+        for (c, column) in self.inverse.chunks_exact(d).enumerate() {
+            self.y[c] = dot(column, w);
+            let bound = match self.basis[c] {
+                Basic::Box(..) => 1.0,
+                Basic::Row(k, side) if side > 0.0 => rows.upper[k],
+                Basic::Row(k, _) => rows.lower[k],
+            };
+            for (z, v) in self.z.iter_mut().zip(column) {
+                *z += bound * v;
+            }
+        }
         true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// max z₀ + z₁ with z₀ + 2 z₁ ≤ 1 and |z| ≤ 1: the vertex (1, 0) of value 1.
+    #[test]
+    fn two_variables_by_hand() {
+        let rows = Rows {
+            width: 2,
+            coefficients: &[1.0, 2.0],
+            upper: &[1.0],
+            lower: &[f64::INFINITY],
+            inverse_norms: &[5.0_f64.sqrt().recip()],
+        };
+        let mut simplex = DualSimplex::default();
+        let clock = Clock::unlimited();
+        let ending = simplex.maximise(&[1.0, 1.0], &rows, [0.0, f64::INFINITY], None, &clock);
+        assert_eq!(ending, Ending::Optimal);
+        assert!((simplex.bound(&rows) - 1.0).abs() < 1e-15);
+        assert!((simplex.point()[0] - 1.0).abs() < 1e-15);
+        assert!(simplex.point()[1].abs() < 1e-15);
+        // The bound is proved early when that is enough.
+        let ending = simplex.maximise(&[1.0, 1.0], &rows, [2.0, f64::INFINITY], None, &clock);
+        assert_eq!(ending, Ending::Below);
+        // Without its row the box decides.
+        simplex.maximise(
+            &[1.0, 1.0],
+            &rows,
+            [0.0, f64::INFINITY],
+            Some((0, true)),
+            &clock,
+        );
+        assert_eq!(simplex.bound(&rows), 2.0);
+    }
+
+    #[test]
+    fn a_fresh_inverse_changes_nothing() {
+        let rows = Rows {
+            width: 2,
+            coefficients: &[1.0, 2.0, 3.0, 1.0],
+            upper: &[1.0, 1.0],
+            lower: &[1.0, 1.0],
+            inverse_norms: &[5.0_f64.sqrt().recip(), 10.0_f64.sqrt().recip()],
+        };
+        let mut simplex = DualSimplex::default();
+        let w = [1.0, 1.0];
+        simplex.maximise(&w, &rows, [0.0, f64::INFINITY], None, &Clock::unlimited());
+        let (z, y) = (simplex.z.clone(), simplex.y.clone());
+        assert!(simplex.refresh(&rows, &w));
+        for (a, b) in z.iter().chain(&y).zip(simplex.z.iter().chain(&simplex.y)) {
+            assert!((a - b).abs() < 1e-14);
+        }
     }
 }

@@ -21,24 +21,25 @@
 //! # Ok::<(), mpct::FileError>(())
 //! ```
 
+mod csv;
 mod error;
+mod locate;
 mod reader;
+mod text;
 mod writer;
 
 pub use error::FileError;
+pub use text::{CSV_SIZE_LIMIT, SIZE_LIMIT};
 
-use super::{Constraints, Formulation, Labels, Plant, Problem, Task, Weights};
+use super::{
+    Constraints, Formulation, Labels, NoTerminalConstraint, Plant, Problem, Task, TerminalCost,
+    Weights,
+};
 use crate::control::SetPoint;
-use crate::matrix::{Matrix, SparseMatrix};
+use crate::matrix::SparseMatrix;
 use crate::simulation::{Disturbance, ScheduledSetPoint, Simulation};
 use reader::Section;
-use std::io::Read;
 use std::path::Path;
-
-/// Largest file that is read. Ten thousand carts in sparse form take about 6 MB.
-pub const SIZE_LIMIT: u64 = 256 << 20;
-/// Bytes looked at before the rest of a file is read: garbage shows at once.
-const FIRST_LOOK: usize = 64 << 10;
 
 /// A problem and, when the file has a `[simulation]`, what to simulate.
 #[derive(Clone, Debug, PartialEq)]
@@ -55,7 +56,7 @@ impl ProblemFile {
     /// # Errors
     /// Every variant of [`FileError`].
     pub fn read(path: &Path) -> Result<Self, FileError> {
-        let text = read_text(path)?;
+        let text = text::read(path, SIZE_LIMIT)?;
         Self::parse(&text, path.parent().unwrap_or(Path::new(".")))
     }
 
@@ -65,14 +66,18 @@ impl ProblemFile {
     /// Every variant of [`FileError`].
     pub fn parse(text: &str, folder: &Path) -> Result<Self, FileError> {
         let table: toml::Table = text.parse().map_err(|e: toml::de::Error| {
-            let (line, column) = position(text, e.span().map_or(0, |s| s.start));
+            let (line, column) = locate::position(text, e.span().map_or(0, |s| s.start));
             FileError::Syntax {
                 line,
                 column,
                 message: e.message().trim().replace('\n', ", "),
             }
         })?;
-        let root = Section::root(&table, folder);
+        Self::from_table(&table, folder).map_err(|e| e.with_line(|key| locate::line_of(text, key)))
+    }
+
+    fn from_table(table: &toml::Table, folder: &Path) -> Result<Self, FileError> {
+        let root = Section::root(table, folder);
         root.only(&[
             "name",
             "plant",
@@ -96,101 +101,6 @@ impl ProblemFile {
     pub fn to_toml(&self) -> String {
         writer::write(self)
     }
-}
-
-fn position(text: &str, offset: usize) -> (usize, usize) {
-    let before = &text.as_bytes()[..offset.min(text.len())];
-    let line = before.iter().filter(|&&b| b == b'\n').count() + 1;
-    let column = before.len()
-        - before
-            .iter()
-            .rposition(|&b| b == b'\n')
-            .map_or(0, |p| p + 1)
-        + 1;
-    (line, column)
-}
-
-fn read_text(path: &Path) -> Result<String, FileError> {
-    let name = path.display().to_string();
-    let unreadable = |e: std::io::Error| FileError::Unreadable {
-        path: name.clone(),
-        reason: e.to_string(),
-    };
-    let mut file = std::fs::File::open(path).map_err(unreadable)?;
-    let bytes = file.metadata().map_err(unreadable)?.len();
-    if bytes > SIZE_LIMIT {
-        return Err(FileError::TooLarge {
-            path: name,
-            bytes,
-            limit: SIZE_LIMIT,
-        });
-    }
-    let mut content = Vec::new();
-    Read::by_ref(&mut file)
-        .take(FIRST_LOOK as u64)
-        .read_to_end(&mut content)
-        .map_err(unreadable)?;
-    let not_text = |offset| FileError::NotText {
-        path: name.clone(),
-        offset,
-    };
-    if let Some(offset) = content.iter().position(|&b| b == 0) {
-        return Err(not_text(offset));
-    }
-    if let Err(e) = std::str::from_utf8(&content) {
-        // A character may be cut at the end of the first block.
-        if e.error_len().is_some() || content.len() < FIRST_LOOK {
-            return Err(not_text(e.valid_up_to()));
-        }
-    }
-    file.take(SIZE_LIMIT)
-        .read_to_end(&mut content)
-        .map_err(unreadable)?;
-    String::from_utf8(content).map_err(|e| not_text(e.utf8_error().valid_up_to()))
-}
-
-/// A matrix of numbers without header, comma separated.
-fn csv_matrix(path: &Path) -> Result<SparseMatrix, FileError> {
-    let text = read_text(path)?;
-    let name = path.display().to_string();
-    let bad = |line: usize, message: String| FileError::Csv {
-        path: name.clone(),
-        line,
-        message,
-    };
-    let mut reader = csv::ReaderBuilder::new()
-        .has_headers(false)
-        .flexible(true)
-        .comment(Some(b'#'))
-        .trim(csv::Trim::All)
-        .from_reader(text.as_bytes());
-    let (mut data, mut rows, mut width) = (Vec::new(), 0, 0);
-    for record in reader.records() {
-        let record = record.map_err(|e| {
-            let line = e.position().map_or(0, |p| p.line() as usize);
-            bad(line, e.to_string())
-        })?;
-        let line = record.position().map_or(0, |p| p.line() as usize);
-        if rows == 0 {
-            width = record.len();
-        } else if record.len() != width {
-            return Err(bad(
-                line,
-                format!("{} numbers, the first line has {width}", record.len()),
-            ));
-        }
-        for (j, field) in record.iter().enumerate() {
-            let value = field.parse::<f64>().map_err(|_| {
-                bad(
-                    line,
-                    format!("column {}: \"{field}\" is not a number", j + 1),
-                )
-            })?;
-            data.push(value);
-        }
-        rows += 1;
-    }
-    Ok(Matrix::new(rows, width, data)?.into())
 }
 
 fn problem(root: &Section<'_>) -> Result<Problem, FileError> {
@@ -219,6 +129,10 @@ fn problem(root: &Section<'_>) -> Result<Problem, FileError> {
     section.only(&[
         "task",
         "formulation",
+        "horizon_extension",
+        "gamma",
+        "alpha",
+        "terminal_cost",
         "prediction_horizon",
         "scaling",
         "gain",
@@ -233,9 +147,40 @@ fn problem(root: &Section<'_>) -> Result<Problem, FileError> {
     let formulations = [
         ("implicit", Formulation::Implicit),
         ("explicit", Formulation::Explicit),
+        ("no_terminal_constraint", Formulation::NoTerminalConstraint),
     ];
     if let Some(formulation) = section.choice("formulation", &formulations)? {
         problem = problem.with_formulation(formulation);
+    }
+    let section_3_5 = [
+        section.whole("horizon_extension")?.map(|v| v as f64),
+        section.number("gamma")?,
+        section.number("alpha")?,
+    ];
+    if problem.formulation() == Formulation::NoTerminalConstraint {
+        let steps = section.need_whole(
+            "horizon_extension",
+            "the steps of the terminal law after the prediction horizon, fewer than the terminal horizon",
+        )?;
+        let mut choices = NoTerminalConstraint::new(steps, section_3_5[1].unwrap_or(1.0))?;
+        if let Some(alpha) = section_3_5[2] {
+            choices = choices.with_alpha(alpha)?;
+        }
+        problem = problem.with_no_terminal_constraint(choices);
+    } else if let Some(k) = section_3_5.iter().position(Option::is_some) {
+        return Err(FileError::WrongType {
+            key: section.key(["horizon_extension", "gamma", "alpha"][k]),
+            expected: "formulation = \"no_terminal_constraint\" beside it".into(),
+            found: "another formulation".into(),
+            line: None,
+        });
+    }
+    let costs = [
+        ("exact", TerminalCost::Exact),
+        ("implicit", TerminalCost::Implicit),
+    ];
+    if let Some(cost) = section.choice("terminal_cost", &costs)? {
+        problem = problem.with_terminal_cost(cost);
     }
     if let Some(steps) = section.whole("prediction_horizon")? {
         problem = problem.with_prediction_horizon(steps)?;
@@ -349,7 +294,7 @@ fn simulation(section: &Section<'_>, problem: &Problem) -> Result<Simulation, Fi
             d.only(&["bound", "seed"])?;
             Some(Disturbance {
                 bound: d.need_vector("bound", "the largest disturbance of each state, >= 0")?,
-                seed: d.whole("seed")?.unwrap_or(0) as u64,
+                seed: d.seed("seed")?.unwrap_or(0),
             })
         }
     };

@@ -1,6 +1,6 @@
 //! Walks a TOML table and keeps the path of keys for messages.
 
-use super::error::FileError;
+use super::error::{FileError, shown};
 use crate::matrix::{Matrix, SparseMatrix};
 use crate::problem::Weight;
 use std::path::Path;
@@ -13,11 +13,15 @@ pub(super) struct Section<'a> {
     folder: &'a Path,
 }
 
+/// Most rows or columns of a sparse matrix: twice the carts of the largest case. A few bytes must not ask for a
+/// terabyte.
+const MAX_ORDER: f64 = 200_000.0;
+
 type Found<T> = Result<Option<T>, FileError>;
 
 fn kind(value: &Value) -> String {
     match value {
-        Value::String(s) => format!("the text \"{}\"", s.chars().take(40).collect::<String>()),
+        Value::String(s) => format!("the text \"{}\"", shown(s)),
         Value::Integer(i) => format!("the number {i}"),
         Value::Float(f) => format!("the number {f}"),
         Value::Boolean(b) => format!("{b}"),
@@ -58,6 +62,7 @@ impl<'a> Section<'a> {
             key: self.key(name),
             expected: expected.into(),
             found: kind(found),
+            line: None,
         }
     }
 
@@ -66,20 +71,25 @@ impl<'a> Section<'a> {
         match self.table.keys().find(|k| !known.contains(&k.as_str())) {
             None => Ok(()),
             Some(key) => {
+                let typed = key.to_lowercase();
+                // Two letters exchanged in a short key look less alike than they are.
+                let likeness = |k: &str| {
+                    let slip =
+                        typed.len() > 1 && strsim::osa_distance(&typed, &k.to_lowercase()) == 1;
+                    let alike = strsim::jaro_winkler(&typed, &k.to_lowercase());
+                    if slip { alike.max(0.8) } else { alike }
+                };
                 let closest = known
                     .iter()
-                    .map(|k| {
-                        (
-                            strsim::jaro_winkler(&key.to_lowercase(), &k.to_lowercase()),
-                            k,
-                        )
-                    })
+                    .filter(|k| key.len() <= 4 * k.len())
+                    .map(|k| (likeness(k), k))
                     .max_by(|a, b| a.0.total_cmp(&b.0))
                     .filter(|c| c.0 > 0.7);
                 Err(FileError::UnknownKey {
-                    key: self.key(key),
+                    key: self.key(&shown(key)),
                     suggestion: closest.map(|c| self.key(c.1)),
                     known: known.join(", "),
+                    line: None,
                 })
             }
         }
@@ -168,7 +178,8 @@ impl<'a> Section<'a> {
                     .map(|c| format!("\"{}\"", c.0))
                     .collect::<Vec<_>>()
                     .join(" or "),
-                found: format!("\"{text}\""),
+                found: format!("\"{}\"", shown(&text)),
+                line: None,
             }),
         }
     }
@@ -197,6 +208,21 @@ impl<'a> Section<'a> {
                 .map(Some)
                 .map_err(|_| self.wrong(name, "a whole number >= 0", &Value::Integer(*i))),
             Some(other) => Err(self.wrong(name, "a whole number >= 0", other)),
+        }
+    }
+
+    /// A seed of 64 bits. TOML integers end at 2^63 - 1, so that larger ones stand in quotes.
+    pub(super) fn seed(&self, name: &str) -> Found<u64> {
+        match self.table.get(name) {
+            Some(Value::String(digits)) => match digits.parse() {
+                Ok(seed) => Ok(Some(seed)),
+                Err(_) => Err(self.wrong(
+                    name,
+                    "a whole number from 0 to 2^64 - 1",
+                    &Value::String(digits.clone()),
+                )),
+            },
+            _ => Ok(self.whole(name)?.map(|seed| seed as u64)),
         }
     }
 
@@ -264,6 +290,7 @@ impl<'a> Section<'a> {
                     row: i,
                     expected: width,
                     found: row.len(),
+                    line: None,
                 });
             }
             for (j, v) in row.iter().enumerate() {
@@ -280,25 +307,38 @@ impl<'a> Section<'a> {
     fn matrix_table(&self) -> Result<SparseMatrix, FileError> {
         self.only(&["csv", "shape", "entries"])?;
         if let Some(file) = self.text("csv")? {
-            return super::csv_matrix(&self.folder.join(file));
+            if let Some(other) = ["shape", "entries"]
+                .iter()
+                .find(|k| self.table.contains_key(**k))
+            {
+                return Err(FileError::WrongType {
+                    key: self.key(other),
+                    expected: "either csv or shape and entries".into(),
+                    found: "both".into(),
+                    line: None,
+                });
+            }
+            return super::csv::matrix(&self.folder.join(file));
         }
         let shape = self.need_vector(
             "shape",
             "[rows, columns] of a sparse matrix, or csv = \"file\"",
         )?;
-        let whole = |v: f64| v >= 0.0 && v.fract() == 0.0 && v < 4e9;
+        let whole = |v: f64| v >= 0.0 && v.fract() == 0.0 && v <= MAX_ORDER;
         let [rows, columns] = shape[..] else {
             return Err(FileError::WrongType {
                 key: self.key("shape"),
                 expected: "[rows, columns]".into(),
                 found: format!("{} numbers", shape.len()),
+                line: None,
             });
         };
         if !(whole(rows) && whole(columns)) {
             return Err(FileError::WrongType {
                 key: self.key("shape"),
-                expected: "two whole numbers".into(),
+                expected: format!("two whole numbers up to {MAX_ORDER}"),
                 found: format!("[{rows}, {columns}]"),
+                line: None,
             });
         }
         let list = match self.table.get("entries") {
@@ -330,6 +370,7 @@ impl<'a> Section<'a> {
             key: self.key("entries"),
             expected: format!("entries inside {rows} x {columns}"),
             found: error.to_string(),
+            line: None,
         })
     }
 

@@ -2,7 +2,7 @@
 
 use super::ProblemFile;
 use crate::matrix::SparseMatrix;
-use crate::problem::{Formulation, Task};
+use crate::problem::{Formulation, Task, TerminalCost};
 use std::fmt::Write;
 
 /// Below this share of entries the sparse form of a matrix is shorter.
@@ -23,6 +23,15 @@ fn number(v: f64) -> String {
             }
             _ => plain,
         }
+    }
+}
+
+/// TOML integers end at 2^63 - 1; larger seeds stand in quotes.
+fn seed(seed: u64) -> String {
+    if i64::try_from(seed).is_ok() {
+        seed.to_string()
+    } else {
+        format!("\"{seed}\"")
     }
 }
 
@@ -147,8 +156,21 @@ pub(super) fn write(file: &ProblemFile) -> String {
     let formulation = match problem.formulation() {
         Formulation::Implicit => "\"implicit\"",
         Formulation::Explicit => "\"explicit\"",
+        Formulation::NoTerminalConstraint => "\"no_terminal_constraint\"",
     };
     line("formulation", formulation.into());
+    // Beside another formulation these keys are refused.
+    let section_3_5 = problem.formulation() == Formulation::NoTerminalConstraint;
+    if let Some(choices) = problem.no_terminal_constraint().filter(|_| section_3_5) {
+        line("horizon_extension", choices.horizon_extension().to_string());
+        line("gamma", number(choices.gamma()));
+        if let Some(alpha) = choices.alpha() {
+            line("alpha", number(alpha));
+        }
+    }
+    if problem.terminal_cost() == TerminalCost::Implicit {
+        line("terminal_cost", "\"implicit\"".into());
+    }
     line(
         "prediction_horizon",
         problem.prediction_horizon().to_string(),
@@ -163,7 +185,7 @@ pub(super) fn write(file: &ProblemFile) -> String {
         if let Some(d) = &s.disturbance {
             line(
                 "disturbance",
-                format!("{{ bound = {}, seed = {} }}", list(&d.bound), d.seed),
+                format!("{{ bound = {}, seed = {} }}", list(&d.bound), seed(d.seed)),
             );
         }
         for p in &s.set_points {

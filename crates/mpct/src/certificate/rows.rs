@@ -1,0 +1,275 @@
+//! The constraints along the terminal law, recomputed from the plant as written in the file.
+//!
+//! With e = x − x_op − M_θx θ the closed loop is e⁺ = Â e + ρ θ, θ⁺ = θ, Â = A + B K, and ρ = A M_θx + B M_θu − M_θx
+//! is what rounding left of the equation of the steady states. Constraint i at time s is g_i e(s) + w_i θ ≤ room_i.
+//! For the sequence of doubles g_0, g_1, … with g_{s−1} Â = g_s + d_s,
+//!   g_i e(s) = g_s e(0) + Σ_t d_t e(s − t) + Σ_{k<s} g_k ρ θ,
+//! and as e(0), …, e(s − 1) lie in the box for every point of O_{s−1}, the last two sums are at most
+//!   δ_s = Σ_t ‖d_t‖_β + Σ_{k<s} ‖g_k ρ‖_β,   ‖v‖_β = Σ_l |v_l| β_l.
+//! The bound adds up and does not grow along the law, and it covers rounding, ρ, and entries dropped on purpose.
+
+use super::document::{Claim, Sparse};
+use super::interval::{Accumulator, Interval, IntervalRows, add_up, combined, mul_up, product};
+use super::verify::VerifyError;
+
+/// Entries of g with |g_l| β_l below this share of the room are dropped, into δ.
+const DROP: f64 = 1e-15;
+
+/// Everything that follows from the claim without a proof.
+pub(super) struct System {
+    pub(super) states: usize,
+    pub(super) parameters: usize,
+    pub(super) scaling: f64,
+    /// Â.
+    pub(super) closed_loop: IntervalRows,
+    /// |ρ|, by rows.
+    drift: Vec<Vec<(usize, f64)>>,
+    pub(super) rows: Vec<ConstraintRow>,
+}
+
+/// One constraint at step 0.
+pub(super) struct ConstraintRow {
+    /// g_0 and w, in columns of z; the doubles used.
+    e: Vec<(usize, f64)>,
+    pub(super) w: Vec<(usize, f64)>,
+    /// How far the exact coefficients may be from these.
+    e_error: Vec<(usize, f64)>,
+    w_error: Vec<(usize, f64)>,
+    /// Room above and below at the operating point.
+    room: [Option<Interval>; 2],
+}
+
+impl ConstraintRow {
+    /// The room of a side.
+    pub(super) fn room(&self, upper: bool) -> Option<Interval> {
+        self.room[usize::from(!upper)]
+    }
+}
+
+/// Columns and values.
+type Entries = Vec<(usize, f64)>;
+
+/// A constraint at a step: the e part of the row, and δ.
+#[derive(Clone)]
+pub(super) struct StepRow {
+    pub(super) e: Vec<(usize, f64)>,
+    pub(super) slack: f64,
+}
+
+/// A matrix of the file with the shape it must have.
+pub(super) fn checked(
+    what: &str,
+    m: &Sparse,
+    rows: usize,
+    columns: usize,
+) -> Result<IntervalRows, VerifyError> {
+    let ascending = |r: &[(usize, f64)]| r.windows(2).all(|w| w[0].0 < w[1].0);
+    let fine = m.rows.len() == rows
+        && m.columns == columns
+        && m.rows
+            .iter()
+            .all(|r| ascending(r) && r.iter().all(|e| e.0 < columns && e.1.is_finite()));
+    if !fine {
+        return Err(VerifyError::refused(format!(
+            "{what} is not a {rows} x {columns} matrix of finite numbers"
+        )));
+    }
+    let exact = |r: &Vec<(usize, f64)>| r.iter().map(|&(j, v)| (j, Interval::exact(v))).collect();
+    Ok(m.rows.iter().map(exact).collect())
+}
+
+/// Σ |v_l| β_l, rounded up.
+pub(super) fn weighted(entries: &[(usize, f64)], beta: &[f64]) -> f64 {
+    entries
+        .iter()
+        .fold(0.0, |s, &(j, v)| add_up(s, mul_up(v.abs(), beta[j])))
+}
+
+impl System {
+    /// # Errors
+    /// When a shape is wrong or a number makes no sense.
+    pub(super) fn of(claim: &Claim) -> Result<Self, VerifyError> {
+        let (n, m) = (claim.a.rows.len(), claim.b.columns);
+        let parameters = claim.state_basis.columns;
+        if n == 0 || (parameters != m && parameters != 0) {
+            return Err(VerifyError::refused(
+                "the shapes of A, B and M_θ do not fit",
+            ));
+        }
+        if !(claim.scaling > 0.0 && claim.scaling < 1.0) {
+            return Err(VerifyError::refused("λ must lie between 0 and 1"));
+        }
+        let a = checked("A", &claim.a, n, n)?;
+        let b = checked("B", &claim.b, n, m)?;
+        let k = checked("K", &claim.gain, m, n)?;
+        let mx = checked("M_θx", &claim.state_basis, n, parameters)?;
+        let mu = checked("M_θu", &claim.input_basis, m, parameters)?;
+        let closed_loop = combined(&a, &product(&b, &k, n), 1.0, n);
+        let equilibria = combined(
+            &product(&a, &mx, parameters),
+            &product(&b, &mu, parameters),
+            1.0,
+            parameters,
+        );
+        let drift = combined(&equilibria, &mx, -1.0, parameters)
+            .into_iter()
+            .map(|row| {
+                row.into_iter()
+                    .map(|(j, v)| (n + j, v.magnitude()))
+                    .collect()
+            })
+            .collect();
+        let at = [&claim.operating_state, &claim.operating_input];
+        if at[0].len() != n
+            || at[1].len() != m
+            || at.iter().any(|v| v.iter().any(|x| !x.is_finite()))
+        {
+            return Err(VerifyError::refused(
+                "the operating point does not fit the plant",
+            ));
+        }
+        let mut rows = Vec::with_capacity(claim.constraints.len());
+        for constraint in &claim.constraints {
+            let single = |what: &str, entries: &Vec<(usize, f64)>, width: usize| {
+                let row = Sparse {
+                    columns: width,
+                    rows: vec![entries.clone()],
+                };
+                checked(&format!("{what} of {}", constraint.name), &row, 1, width)
+            };
+            let c = single("C", &constraint.c, n)?;
+            let d = single("D", &constraint.d, m)?;
+            let e = combined(&c, &product(&d, &k, n), 1.0, n);
+            let w = combined(
+                &product(&c, &mx, parameters),
+                &product(&d, &mu, parameters),
+                1.0,
+                parameters,
+            );
+            let mut value = Interval::ZERO;
+            for (entries, at) in [(&constraint.c, at[0]), (&constraint.d, at[1])] {
+                for &(j, v) in entries {
+                    // A constraint at the origin stays exact.
+                    if at[j] != 0.0 {
+                        value = value.add(Interval::exact(at[j]).times(v));
+                    }
+                }
+            }
+            let room = |bound: Option<f64>, sign: f64| -> Result<Option<Interval>, VerifyError> {
+                let Some(bound) = bound else { return Ok(None) };
+                let mut room = Interval::exact(bound);
+                if value != Interval::ZERO {
+                    room = room.sub(value);
+                }
+                let room = if sign < 0.0 { room.neg() } else { room };
+                if room.lo > 0.0 && room.hi.is_finite() {
+                    Ok(Some(room))
+                } else {
+                    Err(VerifyError::refused(format!(
+                        "the operating point is not strictly inside {}",
+                        constraint.name
+                    )))
+                }
+            };
+            let (e, e_error) = split(&e[0], 0);
+            let (w, w_error) = split(&w[0], n);
+            rows.push(ConstraintRow {
+                e,
+                w,
+                e_error,
+                w_error,
+                room: [room(constraint.upper, 1.0)?, room(constraint.lower, -1.0)?],
+            });
+        }
+        Ok(Self {
+            states: n,
+            parameters,
+            scaling: claim.scaling,
+            closed_loop,
+            drift,
+            rows,
+        })
+    }
+
+    /// Dimension of z = (e, θ).
+    pub(super) fn dimension(&self) -> usize {
+        self.states + self.parameters
+    }
+
+    /// Largest |ρ_i| over the box, relative to it.
+    pub(super) fn largest_drift(&self, beta: &[f64]) -> f64 {
+        self.drift
+            .iter()
+            .zip(beta)
+            .map(|(row, b)| weighted(row, beta) / b)
+            .fold(0.0, f64::max)
+    }
+
+    /// δ of the row of θ ∈ λΘ of a constraint.
+    pub(super) fn static_slack(&self, i: usize, beta: &[f64]) -> f64 {
+        weighted(&self.rows[i].w_error, beta)
+    }
+
+    /// Constraint i at steps 0, …, `last`.
+    pub(super) fn along(&self, i: usize, last: usize, beta: &[f64]) -> Vec<StepRow> {
+        let row = &self.rows[i];
+        let room = row
+            .room
+            .iter()
+            .flatten()
+            .fold(f64::INFINITY, |a, r| a.min(r.lo));
+        let of_w = weighted(&row.w_error, beta);
+        let mut steps = vec![StepRow {
+            e: row.e.clone(),
+            slack: add_up(of_w, weighted(&row.e_error, beta)),
+        }];
+        let mut sum = Accumulator::new(self.states);
+        for s in 1..=last {
+            let before = &steps[s - 1];
+            let mut slack = before.slack;
+            if s == 1 {
+                // d_0 acts on e(s), which need not lie in the box yet: d_0 Â acts on e(s − 1).
+                slack = of_w;
+                for &(k, v) in &row.e_error {
+                    for &(j, f) in &self.closed_loop[k] {
+                        slack = add_up(slack, mul_up(mul_up(v, f.magnitude()), beta[j]));
+                    }
+                    slack = add_up(slack, mul_up(v, weighted(&self.drift[k], beta)));
+                }
+            }
+            for &(k, v) in &before.e {
+                for &(j, f) in &self.closed_loop[k] {
+                    sum.add(j, f.times(v));
+                }
+                slack = add_up(slack, mul_up(v.abs(), weighted(&self.drift[k], beta)));
+            }
+            let mut e = Vec::with_capacity(before.e.len());
+            for (j, v) in sum.take() {
+                let kept = if v.magnitude() * beta[j] > DROP * room {
+                    v.middle()
+                } else {
+                    0.0
+                };
+                let error = v.sub(Interval::exact(kept)).magnitude();
+                slack = add_up(slack, mul_up(error, beta[j]));
+                if kept != 0.0 {
+                    e.push((j, kept));
+                }
+            }
+            steps.push(StepRow { e, slack });
+        }
+        steps
+    }
+}
+
+/// Doubles near interval coefficients, and how far off they may be; columns moved by `shift`.
+fn split(row: &[(usize, Interval)], shift: usize) -> (Entries, Entries) {
+    let middle = row.iter().map(|&(j, v)| (j + shift, v.middle()));
+    let error = row
+        .iter()
+        .map(|&(j, v)| (j + shift, v.sub(Interval::exact(v.middle())).magnitude()));
+    (
+        middle.filter(|e| e.1 != 0.0).collect(),
+        error.filter(|e| e.1 != 0.0).collect(),
+    )
+}
