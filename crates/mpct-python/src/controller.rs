@@ -3,8 +3,8 @@
 use crate::convert;
 use crate::design::{self, PyDesign};
 use crate::errors;
-use crate::problem;
-use mpct::{AdmissibleSetPoint, Controller, Formulation, SetPoint, Step};
+use crate::names;
+use mpct::{AdmissibleSetPoint, CondensedQp, Controller, Formulation, SetPoint, Step};
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
@@ -37,6 +37,18 @@ impl PyController {
         }
     }
 
+    /// The controller of a design, made without the GIL.
+    pub fn of(py: Python<'_>, design: &PyDesign, formulation: Formulation) -> PyResult<Controller> {
+        let ingredients = design.inner.clone();
+        py.detach(|| Controller::with_formulation(ingredients, formulation))
+            .map_err(|e| errors::design(py, &e))
+    }
+
+    /// Another controller of the same design.
+    pub fn again(&self, py: Python<'_>) -> PyResult<Controller> {
+        Self::of(py, &self.design, self.formulation)
+    }
+
     /// The controller, for one thread. To be called without the GIL, which the thread that holds it may wait for.
     pub fn lock(&self) -> MutexGuard<'_, Controller> {
         // A step that panicked leaves nothing behind that the next one would trust: the solver starts anew.
@@ -51,12 +63,22 @@ impl PyController {
 }
 
 /// H, f, G and b.
-type Program<'py> = (
+pub type Program<'py> = (
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray1<f64>>,
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray1<f64>>,
 );
+
+/// A quadratic program for Python.
+pub fn program(py: Python<'_>, qp: CondensedQp) -> PyResult<Program<'_>> {
+    Ok((
+        convert::to_array2(py, qp.hessian)?,
+        convert::to_array(py, qp.linear),
+        convert::to_array2(py, qp.rows)?,
+        convert::to_array(py, qp.bounds),
+    ))
+}
 
 #[pymethods]
 impl PyController {
@@ -130,12 +152,7 @@ impl PyController {
         let qp = py
             .detach(|| self.lock().qp(&x, &set_point))
             .map_err(|e| errors::step(py, &e))?;
-        Ok((
-            convert::to_array2(py, qp.hessian)?,
-            convert::to_array(py, qp.linear),
-            convert::to_array2(py, qp.rows)?,
-            convert::to_array(py, qp.bounds),
-        ))
+        program(py, qp)
     }
 
     /// Forgets the last step; the next one has no candidate to fall back on.
@@ -158,7 +175,7 @@ impl PyController {
         iterations: Option<u32>,
         seconds: Option<f64>,
     ) -> PyResult<()> {
-        let time = design::seconds("seconds", seconds)?;
+        let time = design::seconds(py, "seconds", seconds)?;
         py.detach(|| self.lock().set_limits(iterations, time));
         Ok(())
     }
@@ -169,10 +186,10 @@ impl PyController {
         self.design.clone()
     }
 
-    /// "implicit" or "explicit".
+    /// "implicit", "explicit" or "no_terminal_constraint".
     #[getter]
     fn formulation(&self) -> &'static str {
-        problem::formulation_name(self.formulation)
+        names::word(self.formulation)
     }
 
     /// Variables of the quadratic program.
@@ -209,7 +226,7 @@ impl PyController {
 }
 
 /// One step of a controller. Made by `Controller.step`.
-#[pyclass(frozen, name = "Step", module = "mpct", skip_from_py_object)]
+#[pyclass(frozen, name = "Step", module = "mpct")]
 #[derive(Clone)]
 pub struct PyStep {
     inner: Step,
@@ -317,12 +334,7 @@ impl PyStep {
 }
 
 /// The admissible steady state closest to a set-point. Made by `Design.closest_admissible`.
-#[pyclass(
-    frozen,
-    name = "AdmissibleSetPoint",
-    module = "mpct",
-    skip_from_py_object
-)]
+#[pyclass(frozen, name = "AdmissibleSetPoint", module = "mpct")]
 #[derive(Clone)]
 pub struct PyAdmissibleSetPoint {
     pub inner: AdmissibleSetPoint,

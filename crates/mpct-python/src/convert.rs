@@ -1,11 +1,11 @@
 //! Arrays in and out.
 
+use crate::errors;
 use mpct::{Matrix, SparseMatrix};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
-use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
-use pyo3::types::{PyString, PyTuple};
+use pyo3::types::{PyDict, PyFloat, PyInt, PyList, PyString, PyTuple};
 
 /// Numbers with their shape, in row-major order.
 pub struct Numbers {
@@ -32,15 +32,13 @@ pub fn numbers(what: &str, value: &Bound<'_, PyAny>) -> PyResult<Numbers> {
     let flat = flat.cast::<PyArray1<f64>>()?;
     Ok(Numbers {
         shape,
-        data: flat.readonly().as_array().to_vec(),
+        data: flat.try_readonly()?.as_array().to_vec(),
     })
 }
 
-fn shape_error(what: &str, expected: &str, shape: &[usize]) -> PyErr {
-    PyValueError::new_err(format!(
-        "{what}: expected {expected}, found an array of shape {}",
-        shown(shape)
-    ))
+fn shape_error(py: Python<'_>, what: &str, expected: &str, shape: &[usize]) -> PyErr {
+    let found = format!("an array of shape {}", shown(shape));
+    errors::argument(py, what, expected, &found)
 }
 
 fn shown(shape: &[usize]) -> String {
@@ -57,17 +55,38 @@ fn shown(shape: &[usize]) -> String {
     }
 }
 
-/// A vector. An ordinary array of float64 takes the short way.
+/// A list of Python's own floats and integers as it is; `None` for anything else.
+fn plain_list(value: &Bound<'_, PyAny>) -> Option<Vec<f64>> {
+    let list = value.cast_exact::<PyList>().ok()?;
+    list.iter()
+        .map(|item| {
+            if item.is_exact_instance_of::<PyFloat>() || item.is_exact_instance_of::<PyInt>() {
+                // An integer beyond the range of a float is left to numpy, whose message names it.
+                item.extract::<f64>().ok()
+            } else {
+                None
+            }
+        })
+        .collect()
+}
+
+/// A vector. An array of float64 and a list of numbers take the short way.
 pub fn vector(what: &str, value: &Bound<'_, PyAny>) -> PyResult<Vec<f64>> {
     if let Ok(array) = value.cast_exact::<PyArray1<f64>>()
         && let Ok(view) = array.try_readonly()
     {
-        return Ok(view.as_array().to_vec());
+        return Ok(match view.as_slice() {
+            Ok(slice) => slice.to_vec(),
+            Err(_) => view.as_array().to_vec(),
+        });
+    }
+    if let Some(plain) = plain_list(value) {
+        return Ok(plain);
     }
     let found = numbers(what, value)?;
     match found.shape.as_slice() {
         [_] => Ok(found.data),
-        shape => Err(shape_error(what, "a vector", shape)),
+        shape => Err(shape_error(value.py(), what, "a vector", shape)),
     }
 }
 
@@ -77,7 +96,7 @@ pub fn vector_or_number(what: &str, value: &Bound<'_, PyAny>, len: usize) -> PyR
     match found.shape.as_slice() {
         [] => Ok(vec![found.data[0]; len]),
         [_] => Ok(found.data),
-        shape => Err(shape_error(what, "a vector or a number", shape)),
+        shape => Err(shape_error(value.py(), what, "a vector or a number", shape)),
     }
 }
 
@@ -86,9 +105,9 @@ pub fn matrix(what: &str, value: &Bound<'_, PyAny>) -> PyResult<Matrix> {
     let found = numbers(what, value)?;
     match found.shape.as_slice() {
         &[rows, cols] => {
-            Matrix::new(rows, cols, found.data).map_err(|e| crate::errors::design(value.py(), &e))
+            Matrix::new(rows, cols, found.data).map_err(|e| errors::design(value.py(), &e))
         }
-        shape => Err(shape_error(what, "a matrix", shape)),
+        shape => Err(shape_error(value.py(), what, "a matrix", shape)),
     }
 }
 
@@ -102,7 +121,10 @@ pub fn limits(
     let Some(value) = value else {
         return Ok((open(-1.0), open(1.0)));
     };
-    let wrong = || PyTypeError::new_err(format!("{what}: expected a pair (lower, upper)"));
+    let wrong = || {
+        let found = value.get_type().to_string();
+        errors::argument_type(value.py(), what, "a pair (lower, upper)", &found)
+    };
     if value.is_instance_of::<PyString>() {
         return Err(wrong());
     }
@@ -161,4 +183,22 @@ pub fn rows_to_array2<'py, 'a>(
 /// A tuple whose items are of different types.
 pub fn tuple<'py>(py: Python<'py>, items: Vec<Bound<'py, PyAny>>) -> PyResult<Bound<'py, PyTuple>> {
     PyTuple::new(py, items)
+}
+
+/// Anything that can be written as JSON, as Python's own lists, dictionaries, numbers and texts. Numbers keep every bit.
+pub fn plain<'py>(py: Python<'py>, value: &impl serde::Serialize) -> PyResult<Bound<'py, PyAny>> {
+    let text = serde_json::to_string(value)
+        .map_err(|e| pyo3::exceptions::PyRuntimeError::new_err(e.to_string()))?;
+    py.import("json")?.call_method1("loads", (text,))
+}
+
+/// An instance of a class of `mpct._results`.
+pub fn result<'py>(
+    py: Python<'py>,
+    class: &str,
+    fields: &Bound<'py, PyDict>,
+) -> PyResult<Bound<'py, PyAny>> {
+    py.import("mpct._results")?
+        .getattr(class)?
+        .call((), Some(fields))
 }

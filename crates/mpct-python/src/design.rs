@@ -4,10 +4,14 @@ use crate::controller::{self, PyAdmissibleSetPoint, PyController};
 use crate::convert;
 use crate::errors;
 use crate::interrupt;
-use crate::problem::{self, PyProblem};
-use mpct::{Condition, Controller, DesignOptions, Problem, Progress, TerminalIngredients};
+use crate::names;
+use crate::problem::PyProblem;
+use mpct::certificate::Certificate;
+use mpct::{
+    Condition, DesignOptions, ImplicitTerminalCost, Problem, Progress, SteadyStates,
+    TerminalIngredients,
+};
 use numpy::{PyArray1, PyArray2};
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDict, PyTuple};
 use std::ops::ControlFlow;
@@ -18,10 +22,10 @@ use std::time::Duration;
 /// The terminal ingredients of a controller. Made by `Problem.design`.
 ///
 /// A pickle of it has the problem and the options; unpickling does the design again.
-#[pyclass(frozen, name = "Design", module = "mpct", skip_from_py_object)]
+#[pyclass(frozen, name = "Design", module = "mpct")]
 #[derive(Clone)]
 pub struct PyDesign {
-    inner: TerminalIngredients,
+    pub inner: TerminalIngredients,
     max_horizon: usize,
 }
 
@@ -42,76 +46,141 @@ fn watcher<'py>(
     }
 }
 
-pub fn seconds(what: &str, value: Option<f64>) -> PyResult<Option<Duration>> {
+pub fn seconds(py: Python<'_>, what: &str, value: Option<f64>) -> PyResult<Option<Duration>> {
     value
         .map(|s| {
-            Duration::try_from_secs_f64(s).map_err(|_| {
-                PyValueError::new_err(format!("{what}: expected seconds >= 0, found {s}"))
-            })
+            Duration::try_from_secs_f64(s)
+                .map_err(|_| errors::argument(py, what, "a number of seconds >= 0", &s.to_string()))
         })
         .transpose()
 }
 
-pub fn design(
-    py: Python<'_>,
-    problem: &Problem,
-    condition: &str,
+/// How the terminal horizon is searched.
+pub struct Search<'py> {
+    condition: Condition,
     max_horizon: usize,
-    time_limit: Option<f64>,
-    progress: Option<Bound<'_, PyAny>>,
-) -> PyResult<PyDesign> {
-    let condition = match condition {
-        "exact" => Condition::Exact,
-        "sufficient" => Condition::Sufficient,
-        _ => {
-            return Err(PyValueError::new_err(format!(
-                "condition: expected 'exact' or 'sufficient', found '{condition}'"
-            )));
-        }
-    };
-    let time_limit = seconds("time_limit", time_limit)?;
-    let watcher = watcher(py, progress)?;
-    // Rows done, rows in all, lower bound of the horizon.
-    let latest = Mutex::new((0, 0, 0));
-    let result = interrupt::run(
-        py,
-        |stop| {
-            let progress = |p: &Progress| {
-                if let Ok(mut known) = latest.lock() {
-                    known.0 = known.0.max(p.rows_done);
-                    known.1 = known.1.max(p.rows_total);
-                    known.2 = known.2.max(p.terminal_horizon_at_least);
-                }
-                if stop.load(Ordering::Relaxed) {
-                    ControlFlow::Break(())
-                } else {
-                    ControlFlow::Continue(())
-                }
-            };
-            let options = DesignOptions {
-                condition,
-                max_horizon,
-                time_limit,
-                progress: Some(&progress),
-            };
-            TerminalIngredients::design(problem, &options)
-        },
-        |_| {
-            let known = latest.lock().map_or((0, 0, 0), |known| *known);
-            if let Some(watcher) = &watcher {
-                watcher.call1(known)?;
-            }
-            Ok(())
-        },
-    );
-    if let Some(close) = watcher
-        .as_ref()
-        .and_then(|w| w.getattr_opt("close").ok().flatten())
-    {
-        close.call0()?;
+    time_limit: Option<Duration>,
+    watcher: Option<Bound<'py, PyAny>>,
+}
+
+impl<'py> Search<'py> {
+    pub fn of(
+        py: Python<'py>,
+        condition: &str,
+        max_horizon: usize,
+        time_limit: Option<f64>,
+        progress: Option<Bound<'py, PyAny>>,
+    ) -> PyResult<Self> {
+        Ok(Self {
+            condition: names::value(py, condition)?,
+            max_horizon,
+            time_limit: seconds(py, "time_limit", time_limit)?,
+            watcher: watcher(py, progress)?,
+        })
     }
-    let inner = result?.map_err(|e| errors::design(py, &e))?;
-    Ok(PyDesign { inner, max_horizon })
+
+    /// Runs a search in a thread of its own, shows how far it is, and ends it after Ctrl-C.
+    pub fn run<T: Send>(
+        &self,
+        py: Python<'py>,
+        search: impl FnOnce(&DesignOptions<'_>) -> T + Send,
+    ) -> PyResult<T> {
+        // Rows done, rows in all, lower bound of the horizon.
+        let latest = Mutex::new((0, 0, 0));
+        let (condition, max_horizon, time_limit) =
+            (self.condition, self.max_horizon, self.time_limit);
+        let result = interrupt::run(
+            py,
+            |stop| {
+                let progress = |p: &Progress| {
+                    if let Ok(mut known) = latest.lock() {
+                        known.0 = p.rows_done;
+                        known.1 = known.1.max(p.rows_total);
+                        known.2 = p.terminal_horizon_at_least;
+                    }
+                    if stop.load(Ordering::Relaxed) {
+                        ControlFlow::Break(())
+                    } else {
+                        ControlFlow::Continue(())
+                    }
+                };
+                search(&DesignOptions {
+                    condition,
+                    max_horizon,
+                    time_limit,
+                    progress: Some(&progress),
+                })
+            },
+            |_| {
+                let known = latest.lock().map_or((0, 0, 0), |known| *known);
+                if let Some(watcher) = &self.watcher {
+                    watcher.call1(known)?;
+                }
+                Ok(())
+            },
+        );
+        let close = self
+            .watcher
+            .as_ref()
+            .and_then(|w| w.getattr_opt("close").ok().flatten());
+        if let Some(close) = close {
+            close.call0()?;
+        }
+        result
+    }
+}
+
+/// The ingredients of one problem.
+pub fn design(py: Python<'_>, problem: &Problem, search: Search<'_>) -> PyResult<PyDesign> {
+    let inner = search
+        .run(py, |options| TerminalIngredients::design(problem, options))?
+        .map_err(|e| errors::design(py, &e))?;
+    Ok(PyDesign {
+        inner,
+        max_horizon: search.max_horizon,
+    })
+}
+
+/// The ingredients for several scalings; an exception stands where one failed.
+pub fn design_all<'py>(
+    py: Python<'py>,
+    problem: &Problem,
+    scalings: &[f64],
+    search: Search<'py>,
+) -> PyResult<Vec<Bound<'py, PyAny>>> {
+    let designs = search
+        .run(py, |options| {
+            TerminalIngredients::design_all(problem, scalings, options)
+        })?
+        .map_err(|e| errors::design(py, &e))?;
+    designs
+        .into_iter()
+        .map(|one| match one {
+            Ok(inner) => {
+                let max_horizon = search.max_horizon;
+                Ok(Bound::new(py, PyDesign { inner, max_horizon })?.into_any())
+            }
+            Err(e) => Ok(errors::design(py, &e)
+                .into_value(py)
+                .into_bound(py)
+                .into_any()),
+        })
+        .collect()
+}
+
+/// M_θ as one matrix.
+pub fn steady_state_basis<'py>(
+    py: Python<'py>,
+    basis: &SteadyStates,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let (x, u) = (
+        basis.state_basis().to_dense(),
+        basis.input_basis().to_dense(),
+    );
+    let rows = (0..x.rows())
+        .map(|i| x.row(i))
+        .chain((0..u.rows()).map(|i| u.row(i)));
+    convert::rows_to_array2(py, u.cols(), rows)
 }
 
 #[pymethods]
@@ -119,9 +188,7 @@ impl PyDesign {
     /// The problem.
     #[getter]
     fn problem(&self) -> PyProblem {
-        PyProblem {
-            inner: self.inner.problem().clone(),
-        }
+        self.inner.problem().clone().into()
     }
 
     /// M̃, or M for regulation: the steps of the terminal law after which no constraint can be violated first.
@@ -157,19 +224,7 @@ impl PyDesign {
     /// M_θ, shape (n + m, m): the steady states are (x_s, u_s) = M_θ θ around the operating point.
     #[getter]
     fn steady_state_basis<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let basis = self.inner.steady_states();
-        let (x, u) = (
-            basis.state_basis().to_dense(),
-            basis.input_basis().to_dense(),
-        );
-        let cols = u.cols();
-        convert::rows_to_array2(
-            py,
-            cols,
-            (0..x.rows())
-                .map(|i| x.row(i))
-                .chain((0..u.rows()).map(|i| u.row(i))),
-        )
+        steady_state_basis(py, self.inner.steady_states())
     }
 
     /// The first step at which each constraint row is implied by the steps before it: a list of (row, step).
@@ -226,7 +281,7 @@ impl PyDesign {
     ///
     /// Parameters
     /// ----------
-    /// formulation : {"implicit", "explicit"}, optional
+    /// formulation : {"implicit", "explicit", "no_terminal_constraint"}, optional
     ///     That of the problem unless stated.
     ///
     /// Returns
@@ -235,14 +290,60 @@ impl PyDesign {
     #[pyo3(signature = (formulation=None))]
     fn controller(&self, py: Python<'_>, formulation: Option<&str>) -> PyResult<PyController> {
         let formulation = match formulation {
-            Some(name) => problem::formulation(name)?,
+            Some(name) => names::value(py, name)?,
             None => self.inner.problem().formulation(),
         };
-        let ingredients = self.inner.clone();
-        let inner = py
-            .detach(|| Controller::with_formulation(ingredients, formulation))
-            .map_err(|e| errors::design(py, &e))?;
+        let inner = PyController::of(py, self, formulation)?;
         Ok(PyController::new(inner, self.clone(), formulation))
+    }
+
+    /// The outline of the terminal set in two states: the pairs at which some artificial set-point and some values of
+    /// the other states satisfy the terminal constraint.
+    ///
+    /// Parameters
+    /// ----------
+    /// coordinates : tuple of two int, default (0, 1)
+    ///     The states.
+    ///
+    /// Returns
+    /// -------
+    /// Polygon
+    #[pyo3(signature = (coordinates=(0, 1)))]
+    fn terminal_set_outline<'py>(
+        &self,
+        py: Python<'py>,
+        coordinates: (usize, usize),
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let polygon = py
+            .detach(|| mpct::analysis::terminal_set(&self.inner, coordinates))
+            .map_err(|e| errors::design(py, &e))?;
+        crate::analysis::polygon(py, polygon)
+    }
+
+    /// A proof of the design that `verify` checks with code that shares nothing with the search.
+    ///
+    /// Returns
+    /// -------
+    /// str
+    ///     JSON, as ``mpct design --certificate`` writes it.
+    fn certificate(&self, py: Python<'_>) -> PyResult<String> {
+        py.detach(|| Certificate::of(&self.inner).map(|c| c.to_json()))
+            .map_err(|e| errors::design(py, &e))
+    }
+
+    /// The implicit terminal cost of remark 2 for this M̃.
+    ///
+    /// Returns
+    /// -------
+    /// ImplicitTerminalCost
+    fn implicit_terminal_cost<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let cost = py
+            .detach(|| ImplicitTerminalCost::of(&self.inner))
+            .map_err(|e| errors::design(py, &e))?;
+        let fields = PyDict::new(py);
+        fields.set_item("epsilon", cost.epsilon())?;
+        fields.set_item("weight", convert::sparse_to_array2(py, &cost.weight())?)?;
+        convert::result(py, "ImplicitTerminalCost", &fields)
     }
 
     /// The admissible steady state closest to a set-point in the offset cost.
@@ -268,6 +369,7 @@ impl PyDesign {
         let inner = py
             .detach(|| {
                 self.inner
+                    .steady_states()
                     .closest_admissible(self.inner.problem(), &set_point)
             })
             .map_err(|e| errors::design(py, &e))?;

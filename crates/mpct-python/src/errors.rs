@@ -1,5 +1,6 @@
-//! Errors as Python exceptions: `mpct.DesignError`, `mpct.StepError`, `mpct.FileError`.
+//! Errors as Python exceptions: one class for each enum of the library, one for arguments.
 
+use mpct::certificate::VerifyError;
 use mpct::{DesignError, FileError, SimulationError, StepError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -182,9 +183,16 @@ pub fn file(py: Python<'_>, error: &FileError) -> PyErr {
             key,
             suggestion,
             known,
+            line,
         } => (
             "unknown_key",
-            fields!(py, key = key, suggestion = suggestion, known = known),
+            fields!(
+                py,
+                key = key,
+                suggestion = suggestion,
+                known = known,
+                line = line
+            ),
         ),
         E::MissingKey { key, meaning } => {
             ("missing_key", fields!(py, key = key, meaning = meaning))
@@ -193,18 +201,33 @@ pub fn file(py: Python<'_>, error: &FileError) -> PyErr {
             key,
             expected,
             found,
+            line,
         } => (
             "wrong_type",
-            fields!(py, key = key, expected = expected, found = found),
+            fields!(
+                py,
+                key = key,
+                expected = expected,
+                found = found,
+                line = line
+            ),
         ),
         E::Ragged {
             key,
             row,
             expected,
             found,
+            line,
         } => (
             "ragged",
-            fields!(py, key = key, row = row, expected = expected, found = found),
+            fields!(
+                py,
+                key = key,
+                row = row,
+                expected = expected,
+                found = found,
+                line = line
+            ),
         ),
         E::Csv { path, line, .. } => ("csv", fields!(py, path = path, line = line)),
         E::Problem(error) => return design(py, error),
@@ -213,17 +236,29 @@ pub fn file(py: Python<'_>, error: &FileError) -> PyErr {
     exception(py, "FileError", error.to_string(), kind, &fields)
 }
 
-/// `mpct.StepError` or `mpct.DesignError`; a failed step brings its number and the run before it.
+/// `mpct.SimulationError` or `mpct.DesignError`; a failed step brings its number and the run before it.
 pub fn simulation(py: Python<'_>, error: &SimulationError) -> PyErr {
     match error {
         SimulationError::Setting(error) => design(py, error),
         SimulationError::InitialState { row, violation } => exception(
             py,
-            "StepError",
+            "SimulationError",
             error.to_string(),
             "initial_state",
             &fields!(py, row = row.to_string(), violation = violation),
         ),
+        SimulationError::Interrupted { run } => {
+            match crate::simulation::run_to_python(py, run, None) {
+                Ok(run) => exception(
+                    py,
+                    "SimulationError",
+                    error.to_string(),
+                    "interrupted",
+                    &fields!(py, run = run),
+                ),
+                Err(failure) => failure,
+            }
+        }
         SimulationError::Step {
             step,
             error: cause,
@@ -234,10 +269,43 @@ pub fn simulation(py: Python<'_>, error: &SimulationError) -> PyErr {
                 .and_then(|run| fields.set_item("run", run))
                 .and_then(|()| fields.set_item("step", step));
             match known {
-                Ok(()) => exception(py, "StepError", error.to_string(), kind, &fields),
+                Ok(()) => exception(py, "SimulationError", error.to_string(), kind, &fields),
                 Err(failure) => failure,
             }
         }
-        _ => exception(py, "StepError", error.to_string(), "other", &fields!(py)),
+        _ => exception(
+            py,
+            "SimulationError",
+            error.to_string(),
+            "other",
+            &fields!(py),
+        ),
     }
+}
+
+/// `mpct.VerifyError`.
+pub fn verify(py: Python<'_>, error: &VerifyError) -> PyErr {
+    let kind = match error {
+        VerifyError::Unreadable(_) => "unreadable",
+        VerifyError::Digest => "digest",
+        VerifyError::Refused(_) => "refused",
+        _ => "other",
+    };
+    exception(py, "VerifyError", error.to_string(), kind, &fields!(py))
+}
+
+/// `mpct.ArgumentError`: a value of the right type that is none of those expected.
+pub fn argument(py: Python<'_>, what: &str, expected: &str, found: &str) -> PyErr {
+    stated(py, "ArgumentError", what, expected, found)
+}
+
+/// `mpct.ArgumentTypeError`: a value of another type.
+pub fn argument_type(py: Python<'_>, what: &str, expected: &str, found: &str) -> PyErr {
+    stated(py, "ArgumentTypeError", what, expected, found)
+}
+
+fn stated(py: Python<'_>, class: &str, what: &str, expected: &str, found: &str) -> PyErr {
+    let message = format!("{what}: expected {expected}, found {found}");
+    let fields = fields!(py, what = what, expected = expected, found = found);
+    exception(py, class, message, "argument", &fields)
 }

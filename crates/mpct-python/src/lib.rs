@@ -1,10 +1,14 @@
 //! The compiled half of the Python package `mpct`. What Python users see is documented in the docstrings.
 
+mod analysis;
 mod controller;
 mod convert;
 mod design;
 mod errors;
+mod figures;
 mod interrupt;
+mod names;
+mod parts;
 mod plant;
 mod problem;
 mod simulation;
@@ -14,15 +18,22 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _mpct {
     #[pymodule_export]
+    use crate::analysis::{PyAlphaBounds, PyDomainOfAttraction, PyStabilityRegion};
+    #[pymodule_export]
     use crate::controller::{PyAdmissibleSetPoint, PyController, PyStep};
     #[pymodule_export]
     use crate::design::PyDesign;
+    #[pymodule_export]
+    use crate::figures::{
+        _compare, _example, _performance, _read_file, _reproduce, _scaling_advice, _scaling_need,
+        _verify, _write_file,
+    };
     #[pymodule_export]
     use crate::plant::PyPlant;
     #[pymodule_export]
     use crate::problem::PyProblem;
     #[pymodule_export]
-    use crate::simulation::simulate;
+    use crate::simulation::_simulate;
     use pyo3::prelude::*;
 
     #[pymodule_init]

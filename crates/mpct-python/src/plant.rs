@@ -4,7 +4,6 @@ use crate::convert;
 use crate::errors;
 use mpct::{DesignError, Labels, Plant};
 use numpy::{PyArray1, PyArray2};
-use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDict, PyTuple};
 
@@ -34,7 +33,7 @@ use pyo3::types::{PyBool, PyDict, PyTuple};
 /// >>> import mpct
 /// >>> mpct.Plant([[1, 1], [0, 1]], [[0, 0.5], [1, 0.5]])
 /// Plant(states=2, inputs=2)
-#[pyclass(frozen, name = "Plant", module = "mpct", skip_from_py_object)]
+#[pyclass(frozen, name = "Plant", module = "mpct")]
 #[derive(Clone)]
 pub struct PyPlant {
     pub inner: Plant,
@@ -70,8 +69,11 @@ type Model<'py> = (Bound<'py, PyAny>, Bound<'py, PyAny>, Option<f64>);
 
 fn model<'py>(system: &Bound<'py, PyAny>) -> PyResult<Model<'py>> {
     let (Ok(a), Ok(b)) = (system.getattr("A"), system.getattr("B")) else {
-        return Err(PyTypeError::new_err(
-            "expected matrices A and B, or one state-space model with attributes A, B and dt",
+        return Err(errors::argument_type(
+            system.py(),
+            "A",
+            "matrices A and B, or one state-space model with attributes A, B and dt",
+            &format!("{} alone", system.get_type()),
         ));
     };
     let dt = match system.getattr("dt") {
@@ -102,8 +104,11 @@ impl PyPlant {
             None => model(&A)?,
         };
         if dt == Some(0.0) {
-            return Err(PyValueError::new_err(
-                "the model is in continuous time (dt = 0): use Plant.continuous(model, dt=...)",
+            return Err(errors::argument(
+                py,
+                "A",
+                "a model in discrete time",
+                "one in continuous time (dt = 0): use Plant.continuous(model, dt=...)",
             ));
         }
         let mut plant = Plant::discrete(convert::matrix("A", &a)?, convert::matrix("B", &b)?);
@@ -161,16 +166,20 @@ impl PyPlant {
             None => match model(&A)? {
                 (a, b, None | Some(0.0)) => (a, b),
                 _ => {
-                    return Err(PyValueError::new_err(
-                        "the model is in discrete time: use Plant(model)",
+                    return Err(errors::argument(
+                        py,
+                        "A",
+                        "a model in continuous time",
+                        "one in discrete time: use Plant(model)",
                     ));
                 }
             },
         };
         let dt = dt.ok_or_else(|| {
-            PyTypeError::new_err("Plant.continuous needs dt, the sampling time in seconds")
+            errors::argument_type(py, "dt", "the sampling time in seconds", "none")
         })?;
-        let plant = Plant::continuous(convert::matrix("A", &a)?, convert::matrix("B", &b)?, dt);
+        let (a, b) = (convert::matrix("A", &a)?, convert::matrix("B", &b)?);
+        let plant = py.detach(|| Plant::continuous(a, b, dt));
         let labels = Labels {
             state_names,
             state_units,

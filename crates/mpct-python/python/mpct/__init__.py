@@ -15,24 +15,91 @@ True
 (50, 2)
 """
 
-from ._errors import DesignError, FileError, StepError
-from ._mpct import AdmissibleSetPoint, Controller, Design, Plant, Problem, Step, __version__
-from ._run import Run, simulate
+from ._errors import (
+    ArgumentError,
+    ArgumentTypeError,
+    DesignError,
+    Error,
+    FileError,
+    SimulationError,
+    StepError,
+    VerifyError,
+)
+from ._figures import (
+    ComparedFigure,
+    ConstraintMargin,
+    Performance,
+    ScalingAdvice,
+    ScalingNeed,
+    Settling,
+    compare,
+    example,
+    performance,
+    reproduce,
+    scaling_advice,
+    scaling_need,
+    verify,
+)
+from ._files import ProblemFile
+from ._mpct import (
+    AdmissibleSetPoint,
+    AlphaBounds,
+    Controller,
+    Design,
+    DomainOfAttraction,
+    Plant,
+    Problem,
+    StabilityRegion,
+    Step,
+    __version__,
+)
+from ._results import Assumption, Attraction, ImplicitTerminalCost, Membership, Polygon, Reach, Verified
+from ._run import Run, Simulation, simulate
 from ._sweep import SweepPoint, sweep
 
 __all__ = [
     "AdmissibleSetPoint",
+    "AlphaBounds",
+    "ArgumentError",
+    "ArgumentTypeError",
+    "Assumption",
+    "Attraction",
+    "ComparedFigure",
+    "ConstraintMargin",
     "Controller",
     "Design",
     "DesignError",
+    "DomainOfAttraction",
+    "Error",
     "FileError",
+    "ImplicitTerminalCost",
+    "Membership",
+    "Performance",
     "Plant",
+    "Polygon",
     "Problem",
+    "ProblemFile",
+    "Reach",
     "Run",
+    "ScalingAdvice",
+    "ScalingNeed",
+    "Settling",
+    "Simulation",
+    "SimulationError",
+    "StabilityRegion",
     "Step",
     "StepError",
     "SweepPoint",
+    "Verified",
+    "VerifyError",
     "__version__",
+    "compare",
+    "example",
+    "performance",
+    "reproduce",
+    "scaling_advice",
+    "scaling_need",
     "simulate",
     "sweep",
+    "verify",
 ]

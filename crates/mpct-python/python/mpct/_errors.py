@@ -1,4 +1,4 @@
-"""The exceptions of the package."""
+"""The exceptions of the package: one class for each error enum of the library, and one for arguments."""
 
 from __future__ import annotations
 
@@ -6,13 +6,22 @@ from collections.abc import Mapping
 from typing import Any
 
 
-class _Error(ValueError):
+class Error(ValueError):
+    """What every error of the package is.
+
+    Attributes
+    ----------
+    kind : str
+        Which error it is, in lower case with underscores.
+    message : str
+        What is wrong, with the numbers that say how to mend it.
+    fields : dict
+        What the error says besides, such as ``what``, ``expected``, ``found``, ``row``; each is an attribute, too.
+    """
+
     kind: str
-    """Which error it is, in lower case with underscores."""
     message: str
-    """What is wrong, with the numbers that say how to mend it."""
     fields: dict[str, Any]
-    """What the error says besides; each entry is an attribute, too."""
 
     def __init__(self, message: str, kind: str = "other", fields: Mapping[str, Any] | None = None) -> None:
         super().__init__(message)
@@ -32,7 +41,7 @@ class _Error(ValueError):
         return type(self), (self.message, self.kind, self.fields)
 
 
-class DesignError(_Error):
+class DesignError(Error):
     """A problem is stated wrongly or cannot be designed.
 
     Attributes
@@ -47,23 +56,36 @@ class DesignError(_Error):
     """
 
 
-class StepError(_Error):
+class StepError(Error):
     """A step of a controller failed.
 
     Attributes
     ----------
     kind : str
-        "state_not_finite", "set_point_not_finite", "wrong_length", "infeasible", "iteration_limit" or
-        "initial_state".
+        "state_not_finite", "set_point_not_finite", "wrong_length", "infeasible" or "iteration_limit".
     message : str
         What is wrong.
     fields : dict
-        What the kind says besides, such as ``expected`` and ``found``; each is an attribute, too. From `simulate`,
-        ``step`` is the step that failed and ``run`` the run before it.
+        What the kind says besides, such as ``expected`` and ``found``; each is an attribute, too.
     """
 
 
-class FileError(_Error):
+class SimulationError(StepError):
+    """A closed loop did not reach its end.
+
+    Attributes
+    ----------
+    kind : str
+        "initial_state", "interrupted", or the kind of the step that failed (see `StepError`).
+    message : str
+        What is wrong.
+    fields : dict
+        ``row`` and ``violation`` for "initial_state". For a step that failed, what that step says, ``step`` (its
+        number) and ``run`` (the run before it). Each is an attribute, too.
+    """
+
+
+class FileError(Error):
     """A problem file was refused.
 
     Attributes
@@ -78,5 +100,62 @@ class FileError(_Error):
     """
 
 
-for _class in (DesignError, StepError, FileError):
+class VerifyError(Error):
+    """A certificate was refused.
+
+    Attributes
+    ----------
+    kind : str
+        "unreadable", "digest" or "refused".
+    message : str
+        What is wrong.
+    fields : dict
+        Empty.
+    """
+
+
+class ArgumentError(Error):
+    """An argument is none of the values expected.
+
+    Attributes
+    ----------
+    kind : str
+        "argument".
+    message : str
+        What is wrong.
+    fields : dict
+        ``what``, ``expected``, ``found``; each is an attribute, too.
+    """
+
+
+class ArgumentTypeError(ArgumentError, TypeError):
+    """An argument is of another type than the ones expected; also a `TypeError`.
+
+    Attributes
+    ----------
+    kind : str
+        "argument".
+    message : str
+        What is wrong.
+    fields : dict
+        ``what``, ``expected``, ``found``; each is an attribute, too.
+    """
+
+
+def argument(what: str, expected: str, found: str) -> ArgumentError:
+    """An `ArgumentError` to raise."""
+    return ArgumentError(
+        f"{what}: expected {expected}, found {found}", "argument", {"what": what, "expected": expected, "found": found}
+    )
+
+
+def argument_type(what: str, expected: str, found: str) -> ArgumentTypeError:
+    """An `ArgumentTypeError` to raise."""
+    return ArgumentTypeError(
+        f"{what}: expected {expected}, found {found}", "argument", {"what": what, "expected": expected, "found": found}
+    )
+
+
+CLASSES = (Error, DesignError, StepError, SimulationError, FileError, VerifyError, ArgumentError, ArgumentTypeError)
+for _class in CLASSES:
     _class.__module__ = "mpct"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Union
 import numpy as np
 
 from . import _mpct
+from ._errors import argument, argument_type
 from ._mpct import Controller, Problem
 
 if TYPE_CHECKING:
@@ -125,17 +126,66 @@ def from_arrays(arrays: Mapping[str, Any]) -> Run:
     return Run(**arrays)
 
 
-def _schedule(set_points: Any) -> list[tuple[int, Any, Any]]:
+def schedule(set_points: Any) -> list[tuple[int, Any, Any]]:
+    """Set-points as (from_step, state, input)."""
+    if set_points is None:
+        return []
     if isinstance(set_points, (list, tuple)) and any(isinstance(s, tuple) for s in set_points):
-        schedule = []
+        known = []
         for i, item in enumerate(set_points):
             if not isinstance(item, tuple) or len(item) not in (2, 3):
-                raise TypeError(f"set_points[{i}]: expected (from_step, state) or (from_step, state, input)")
+                raise argument_type(f"set_points[{i}]", "(from_step, state) or (from_step, state, input)", repr(item))
             if isinstance(item[0], bool) or not isinstance(item[0], (int, np.integer)) or item[0] < 0:
-                raise ValueError(f"set_points[{i}]: expected a step >= 0, found {item[0]!r}")
-            schedule.append((int(item[0]), item[1], item[2] if len(item) == 3 else None))
-        return schedule
+                raise argument(f"set_points[{i}]", "a step >= 0", repr(item[0]))
+            known.append((int(item[0]), item[1], item[2] if len(item) == 3 else None))
+        return known
     return [(0, set_points, None)]
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """What to simulate.
+
+    Attributes
+    ----------
+    x0 : array_like, shape (n,)
+        State at step 0.
+    set_points : array_like, shape (n,), or list of tuple
+        One set-point, or a list of (from_step, state) or (from_step, state, input) by ascending step. An empty list
+        stands for the operating point.
+    steps : int
+        Number of steps.
+    disturbance : array_like, shape (n,), optional
+        Largest disturbance of each state, uniformly distributed.
+    seed : int
+        The same seed gives the same disturbance.
+    """
+
+    x0: ArrayLike
+    set_points: SetPoints
+    steps: int
+    disturbance: ArrayLike | None = None
+    seed: int = 0
+
+    def run(self, controller: Controller) -> Run:
+        """Runs the closed loop with the model as plant.
+
+        Parameters
+        ----------
+        controller : Controller
+            The controller; it is reset first.
+
+        Returns
+        -------
+        Run
+        """
+        return _mpct._simulate(controller, self)
+
+    def _schedule(self) -> list[tuple[int, Any, Any]]:
+        return schedule(self.set_points)
+
+
+Simulation.__module__ = "mpct"
 
 
 def simulate(
@@ -170,7 +220,7 @@ def simulate(
 
     Raises
     ------
-    StepError
+    SimulationError
         When the initial state is outside the domain of attraction or a step fails; ``run`` of it is what was done.
     DesignError
         When lengths do not fit.
@@ -189,4 +239,4 @@ def simulate(
     >>> len(run), run.worst_violation < 1e-8
     (100, True)
     """
-    return _mpct.simulate(controller, x0, _schedule(set_points), steps, disturbance, seed)
+    return Simulation(x0, set_points, steps, disturbance, seed).run(controller)

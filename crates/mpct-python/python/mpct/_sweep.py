@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from ._errors import DesignError
+from ._errors import DesignError, SimulationError
 from ._mpct import Design, Problem
+from ._run import Run, Simulation
 
 
 class SweepPoint(NamedTuple):
@@ -26,8 +27,10 @@ class SweepPoint(NamedTuple):
         Time of the design.
     design : Design or None
         The design.
-    error : DesignError or None
+    error : DesignError or SimulationError or None
         Why it failed.
+    run : Run or None
+        The closed loop, when one was asked for.
     """
 
     scaling: float
@@ -36,7 +39,13 @@ class SweepPoint(NamedTuple):
     linear_programs: int | None
     seconds: float | None
     design: Design | None
-    error: DesignError | None
+    error: DesignError | SimulationError | None
+    run: Run | None
+
+    @property
+    def cumulative_cost(self) -> float | None:
+        """Cost of the closed loop, when one was run."""
+        return None if self.run is None else self.run.cumulative_cost
 
 
 SweepPoint.__module__ = "mpct"
@@ -46,11 +55,12 @@ def sweep(
     problem: Problem,
     scalings: Iterable[float],
     *,
+    simulation: Simulation | None = None,
     condition: str = "exact",
     max_horizon: int = 5000,
     time_limit: float | None = None,
 ) -> list[SweepPoint]:
-    """Designs a problem for several scalings λ.
+    """Designs a problem for several scalings λ. What does not depend on λ is computed once.
 
     Parameters
     ----------
@@ -58,6 +68,8 @@ def sweep(
         The problem; its own scaling is left out.
     scalings : iterable of float
         Values of λ in (0, 1).
+    simulation : Simulation, optional
+        A closed loop to run with each design, as the command does.
     condition, max_horizon, time_limit
         As in `Problem.design`, for each design.
 
@@ -79,15 +91,23 @@ def sweep(
     >>> [point.terminal_horizon for point in mpct.sweep(problem, [0.9])]
     [5]
     """
-    problems = [problem.replace(scaling=float(scaling)) for scaling in scalings]
-    points = []
-    for scaled in problems:
+    scalings = [float(scaling) for scaling in scalings]
+    for scaling in scalings:
+        # A scaling that is none ends the sweep before the first is worked on.
+        problem.replace(scaling=scaling)
+    designs = problem.design_all(scalings, condition, max_horizon, time_limit, False) if scalings else []
+    return [_point(scaling, design, simulation) for scaling, design in zip(scalings, designs, strict=True)]
+
+
+def _point(scaling: float, design: Design | DesignError, simulation: Simulation | None) -> SweepPoint:
+    if isinstance(design, DesignError):
+        return SweepPoint(scaling, None, None, None, None, None, design, None)
+    run, error = None, None
+    if simulation is not None:
         try:
-            d = scaled.design(condition=condition, max_horizon=max_horizon, time_limit=time_limit, progress=False)
-        except DesignError as error:
-            points.append(SweepPoint(scaled.scaling, None, None, None, None, None, error))
-        else:
-            points.append(
-                SweepPoint(scaled.scaling, d.terminal_horizon, d.rows, d.linear_programs, d.seconds, d, None)
-            )
-    return points
+            run = simulation.run(design.controller())
+        except SimulationError as failure:
+            error = failure
+    return SweepPoint(
+        scaling, design.terminal_horizon, design.rows, design.linear_programs, design.seconds, design, error, run
+    )

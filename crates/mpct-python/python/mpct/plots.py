@@ -1,4 +1,4 @@
-"""Plots with matplotlib: trajectories and sets. Needs ``pip install 'mpct[plots]'``."""
+"""Plots with matplotlib: trajectories and sets. Needs ``pip install 'mpct[plot]'``."""
 
 from __future__ import annotations
 
@@ -12,16 +12,17 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from ._mpct import Design
+    from ._results import Polygon
     from ._run import Run
 
-__all__ = ["terminal_set", "trajectories"]
+__all__ = ["polygon", "terminal_set", "trajectories"]
 
 
 def _pyplot() -> Any:
     try:
         from matplotlib import pyplot
     except ImportError as error:
-        raise ImportError("plots need matplotlib: pip install 'mpct[plots]'") from error
+        raise ImportError("plots need matplotlib: pip install 'mpct[plot]'") from error
     return pyplot
 
 
@@ -90,15 +91,36 @@ def trajectories(
     return figure
 
 
+def polygon(outline: Polygon, *, ax: Axes | None = None, **style: Any) -> Axes:
+    """Draws a set in two coordinates.
+
+    Parameters
+    ----------
+    outline : Polygon
+        The set.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; new axes unless stated.
+    **style
+        Of `matplotlib.axes.Axes.fill`.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
+    if ax is None:
+        ax = _pyplot().subplots()[1]
+    ax.fill(outline.vertices[:, 0], outline.vertices[:, 1], **{"alpha": 0.4, **style})
+    i, j = outline.coordinates
+    ax.set_xlabel(ax.get_xlabel() or f"$x_{{{i}}}$")
+    ax.set_ylabel(ax.get_ylabel() or f"$x_{{{j}}}$")
+    ax.grid(True, alpha=0.3)
+    return ax
+
+
 def terminal_set(
-    design: Design,
-    coordinates: tuple[int, int] = (0, 1),
-    *,
-    ax: Axes | None = None,
-    directions: int = 72,
-    **style: Any,
+    design: Design, coordinates: tuple[int, int] = (0, 1), *, ax: Axes | None = None, **style: Any
 ) -> Axes:
-    """Draws the projection of the explicit terminal set onto two states; needs matplotlib and SciPy.
+    """Draws the projection of the terminal set onto two states.
 
     Parameters
     ----------
@@ -108,8 +130,6 @@ def terminal_set(
         The states.
     ax : matplotlib.axes.Axes, optional
         Where to draw; new axes unless stated.
-    directions : int, default 72
-        The projection is drawn as the polygon through its extreme points in so many directions.
     **style
         Of `matplotlib.axes.Axes.fill`.
 
@@ -117,29 +137,10 @@ def terminal_set(
     -------
     matplotlib.axes.Axes
     """
-    try:
-        from scipy.optimize import linprog
-    except ImportError as error:
-        raise ImportError("plots.terminal_set needs SciPy: pip install scipy") from error
-    i, j = coordinates
-    n = design.problem.plant.states
-    if not (0 <= i < n and 0 <= j < n and i != j):
-        raise ValueError(f"coordinates: expected two different states of 0, …, {n - 1}, found {coordinates}")
-    rows, bounds = design.terminal_set()
-    points = []
-    for angle in np.linspace(0.0, 2.0 * np.pi, directions, endpoint=False):
-        cost = np.zeros(rows.shape[1])
-        cost[[i, j]] = -np.cos(angle), -np.sin(angle)
-        answer = linprog(cost, A_ub=rows, b_ub=bounds, bounds=(None, None))
-        if answer.status != 0:
-            raise RuntimeError(f"linear program of the projection: {answer.message}")
-        points.append(answer.x[[i, j]])
     plant = design.problem.plant
-    x_op = plant.operating_point[0]
-    polygon = np.array(points) + x_op[[i, j]]
+    outline = design.terminal_set_outline(coordinates)
     if ax is None:
         ax = _pyplot().subplots()[1]
-    ax.fill(polygon[:, 0], polygon[:, 1], **{"alpha": 0.4, **style})
-    ax.set_xlabel(_label(plant.state_names, plant.state_units, "x", i))
-    ax.set_ylabel(_label(plant.state_names, plant.state_units, "x", j))
-    return ax
+    ax.set_xlabel(_label(plant.state_names, plant.state_units, "x", coordinates[0]))
+    ax.set_ylabel(_label(plant.state_names, plant.state_units, "x", coordinates[1]))
+    return polygon(outline, ax=ax, **style)

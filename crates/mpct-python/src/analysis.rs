@@ -1,0 +1,441 @@
+//! Sets of states: the domain of attraction and the stability region.
+
+use crate::controller::{self, PyController};
+use crate::convert;
+use crate::design::PyDesign;
+use crate::errors;
+use crate::names;
+use mpct::analysis::{
+    AlphaBounds, AlphaScope, Attraction, DomainOfAttraction, Membership, Polygon, StabilityRegion,
+};
+use mpct::{Controller, DesignError, SetPoint};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+/// A polygon for Python.
+pub fn polygon<'py>(py: Python<'py>, polygon: Polygon) -> PyResult<Bound<'py, PyAny>> {
+    let fields = PyDict::new(py);
+    fields.set_item("coordinates", polygon.coordinates)?;
+    let vertices = polygon.vertices.iter().map(<[f64; 2]>::as_slice);
+    fields.set_item("vertices", convert::rows_to_array2(py, 2, vertices)?)?;
+    fields.set_item("gap", polygon.gap)?;
+    fields.set_item("queries", polygon.queries)?;
+    fields.set_item("area", polygon.area())?;
+    convert::result(py, "Polygon", &fields)
+}
+
+fn membership<'py>(py: Python<'py>, found: Membership) -> PyResult<Bound<'py, PyAny>> {
+    let fields = PyDict::new(py);
+    fields.set_item("inside", found.is_inside())?;
+    match found {
+        Membership::Inside { candidate, slack } => {
+            fields.set_item("candidate", convert::to_array(py, candidate))?;
+            fields.set_item("slack", slack)?;
+        }
+        Membership::Outside { gap, radius, rows } => {
+            fields.set_item("gap", gap)?;
+            fields.set_item("radius", radius)?;
+            let rows: Vec<(String, f64)> =
+                rows.into_iter().map(|(r, y)| (r.to_string(), y)).collect();
+            fields.set_item("rows", rows)?;
+        }
+    }
+    convert::result(py, "Membership", &fields)
+}
+
+/// The set of states for which a controller has an input: its domain of attraction.
+///
+/// For the formulation without terminal constraint it is the set of feasible states; what is attracted is
+/// `StabilityRegion`.
+///
+/// Parameters
+/// ----------
+/// controller : Controller
+///     The controller.
+///
+/// Examples
+/// --------
+/// >>> import mpct
+/// >>> plant = mpct.Plant([[1, 1], [0, 1]], [[0, 0.5], [1, 0.5]])
+/// >>> problem = mpct.Problem(plant, state=(-3, 3), input=(-2, 2), Q=10, R=100, O=1e4)
+/// >>> domain = mpct.DomainOfAttraction(problem.design().controller())
+/// >>> domain.contains([-3, 3]).inside, domain.contains([3, 3]).inside
+/// (True, False)
+/// >>> round(domain.reach([1, 0]).distance, 6)
+/// 3.0
+#[pyclass(frozen, name = "DomainOfAttraction", module = "mpct")]
+pub struct PyDomainOfAttraction {
+    inner: DomainOfAttraction,
+    controller: Py<PyController>,
+}
+
+#[pymethods]
+impl PyDomainOfAttraction {
+    #[new]
+    fn new(py: Python<'_>, controller: Py<PyController>) -> Self {
+        let known = controller.get();
+        let inner = py.detach(|| DomainOfAttraction::of(&known.lock()));
+        Self { inner, controller }
+    }
+
+    /// Whether a state is in the domain, with a proof either way.
+    ///
+    /// Parameters
+    /// ----------
+    /// state : array_like, shape (n,)
+    ///     The state.
+    ///
+    /// Returns
+    /// -------
+    /// Membership
+    fn contains<'py>(
+        &self,
+        py: Python<'py>,
+        state: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let state = convert::vector("state", state)?;
+        membership(py, work(py, || self.inner.contains(&state))?)
+    }
+
+    /// How far the domain reaches in a direction.
+    ///
+    /// Parameters
+    /// ----------
+    /// direction : array_like, shape (n,)
+    ///     The direction.
+    /// state : array_like, shape (n,), optional
+    ///     Where the ray begins; the operating point unless stated.
+    ///
+    /// Returns
+    /// -------
+    /// Reach
+    #[pyo3(signature = (direction, state=None))]
+    fn reach<'py>(
+        &self,
+        py: Python<'py>,
+        direction: &Bound<'py, PyAny>,
+        state: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let direction = convert::vector("direction", direction)?;
+        let state = state.map(|x| convert::vector("state", x)).transpose()?;
+        let reach = work(py, || match &state {
+            Some(state) => self.inner.reach_from(state, &direction),
+            None => self.inner.reach(&direction),
+        })?;
+        let fields = PyDict::new(py);
+        fields.set_item("distance", reach.distance)?;
+        fields.set_item("at_most", reach.at_most)?;
+        fields.set_item("state", convert::to_array(py, reach.state))?;
+        convert::result(py, "Reach", &fields)
+    }
+
+    /// The projection on two states: the pairs for which some values of the other states are in the domain.
+    ///
+    /// Parameters
+    /// ----------
+    /// coordinates : tuple of two int, default (0, 1)
+    ///     The states.
+    /// tolerance : float, optional
+    ///     How far the set may reach beyond an edge, as a share of its half-widths; 1e-6 unless stated.
+    ///
+    /// Returns
+    /// -------
+    /// Polygon
+    #[pyo3(signature = (coordinates=(0, 1), tolerance=None))]
+    fn projection<'py>(
+        &self,
+        py: Python<'py>,
+        coordinates: (usize, usize),
+        tolerance: Option<f64>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let tolerance = tolerance.unwrap_or(mpct::analysis::OUTLINE);
+        polygon(
+            py,
+            work(py, || self.inner.projection_within(coordinates, tolerance))?,
+        )
+    }
+
+    /// The section through a state: the pairs that are in the domain while the other states stay as they are.
+    ///
+    /// Parameters
+    /// ----------
+    /// state : array_like, shape (n,)
+    ///     The state.
+    /// coordinates : tuple of two int, default (0, 1)
+    ///     The states that vary.
+    ///
+    /// Returns
+    /// -------
+    /// Polygon
+    #[pyo3(signature = (state, coordinates=(0, 1)))]
+    fn section<'py>(
+        &self,
+        py: Python<'py>,
+        state: &Bound<'py, PyAny>,
+        coordinates: (usize, usize),
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let state = convert::vector("state", state)?;
+        polygon(py, work(py, || self.inner.section(&state, coordinates))?)
+    }
+
+    fn __repr__(&self) -> &'static str {
+        "DomainOfAttraction()"
+    }
+
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> (Bound<'py, PyAny>, (Py<PyController>,)) {
+        let py = slf.py();
+        let controller = slf.get().controller.clone_ref(py);
+        (slf.get_type().into_any(), (controller,))
+    }
+}
+
+/// Work on a design without the GIL.
+fn work<T: Send>(
+    py: Python<'_>,
+    of: impl FnOnce() -> Result<T, DesignError> + Send,
+) -> PyResult<T> {
+    py.detach(of).map_err(|e| errors::design(py, &e))
+}
+
+/// The largest α of section 3.5 for each scope, and the row that limits it.
+///
+/// Parameters
+/// ----------
+/// design : Design
+///     A design whose problem has the formulation "no_terminal_constraint".
+/// set_point : array_like, shape (n,)
+///     State of the set-point.
+/// input : array_like, shape (m,), optional
+///     Input of the set-point.
+#[pyclass(frozen, name = "AlphaBounds", module = "mpct")]
+pub struct PyAlphaBounds {
+    inner: AlphaBounds,
+}
+
+#[pymethods]
+impl PyAlphaBounds {
+    #[new]
+    #[pyo3(signature = (design, set_point, input=None))]
+    fn new(
+        py: Python<'_>,
+        design: PyRef<'_, PyDesign>,
+        set_point: &Bound<'_, PyAny>,
+        input: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let set_point = controller::set_point(set_point, input)?;
+        let ingredients = &design.inner;
+        let inner = work(py, || AlphaBounds::of(ingredients, &set_point))?;
+        Ok(Self { inner })
+    }
+
+    /// The largest α.
+    ///
+    /// Parameters
+    /// ----------
+    /// scope : {"every_equilibrium", "throughout_region", "around_set_point"}
+    ///     For which artificial set-points the level set has to lie in the constraints.
+    ///
+    /// Returns
+    /// -------
+    /// float
+    #[pyo3(signature = (scope="every_equilibrium"))]
+    fn largest(&self, py: Python<'_>, scope: &str) -> PyResult<f64> {
+        Ok(self.inner.largest(names::value(py, scope)?))
+    }
+
+    /// The row that limits it.
+    ///
+    /// Parameters
+    /// ----------
+    /// scope : {"every_equilibrium", "throughout_region", "around_set_point"}
+    ///     As in `largest`.
+    ///
+    /// Returns
+    /// -------
+    /// str
+    #[pyo3(signature = (scope="every_equilibrium"))]
+    fn limiting(&self, py: Python<'_>, scope: &str) -> PyResult<String> {
+        Ok(self.inner.limiting(names::value(py, scope)?).to_string())
+    }
+
+    /// κ = λ_min(P⁻¹Q), in (0, 1]: d = κ α.
+    #[getter]
+    fn stage_cost_ratio(&self) -> f64 {
+        self.inner.stage_cost_ratio
+    }
+
+    fn __repr__(&self) -> String {
+        format!(
+            "AlphaBounds(every_equilibrium={:.6}, throughout_region={:.6}, around_set_point={:.6})",
+            self.inner.largest(AlphaScope::EveryEquilibrium),
+            self.inner.largest(AlphaScope::ThroughoutRegion),
+            self.inner.largest(AlphaScope::AroundSetPoint)
+        )
+    }
+}
+
+/// The stability region of a controller without terminal constraint, for one set-point (section 3.5).
+///
+/// Parameters
+/// ----------
+/// controller : Controller
+///     A controller of the formulation "no_terminal_constraint".
+/// set_point : array_like, shape (n,)
+///     State of the set-point.
+/// scope : {"every_equilibrium", "throughout_region", "around_set_point"}
+///     For which artificial set-points α is checked.
+/// input : array_like, shape (m,), optional
+///     Input of the set-point.
+///
+/// Examples
+/// --------
+/// >>> import mpct
+/// >>> plant = mpct.Plant([[1, 1], [0, 1]], [[0, 0.5], [1, 0.5]])
+/// >>> problem = mpct.Problem(plant, state=(-3, 3), input=(-2, 2), Q=10, R=100, O=1e4, horizon=3,
+/// ...                        formulation="no_terminal_constraint", horizon_extension=2, gamma=20)
+/// >>> region = mpct.StabilityRegion(problem.design().controller(), [0, 0])
+/// >>> region.contains([0.1, 0]).inside
+/// True
+#[pyclass(frozen, name = "StabilityRegion", module = "mpct")]
+pub struct PyStabilityRegion {
+    /// Its own, so that steps of the one it was made from need not wait.
+    controller: Controller,
+    set_point: SetPoint,
+    scope: AlphaScope,
+    alpha: f64,
+    level: f64,
+}
+
+impl PyStabilityRegion {
+    fn ask<T: Send>(
+        &self,
+        py: Python<'_>,
+        question: impl FnOnce(&StabilityRegion<'_>) -> Result<T, DesignError> + Send,
+    ) -> PyResult<T> {
+        work(py, || {
+            question(&StabilityRegion::of(
+                &self.controller,
+                &self.set_point,
+                self.scope,
+            )?)
+        })
+    }
+}
+
+#[pymethods]
+impl PyStabilityRegion {
+    #[new]
+    #[pyo3(signature = (controller, set_point, scope="every_equilibrium", input=None))]
+    fn new(
+        py: Python<'_>,
+        controller: PyRef<'_, PyController>,
+        set_point: &Bound<'_, PyAny>,
+        scope: &str,
+        input: Option<&Bound<'_, PyAny>>,
+    ) -> PyResult<Self> {
+        let set_point = controller::set_point(set_point, input)?;
+        let scope: AlphaScope = names::value(py, scope)?;
+        let own = controller.again(py)?;
+        let (alpha, level) = work(py, || {
+            let region = StabilityRegion::of(&own, &set_point, scope)?;
+            Ok((region.alpha(), region.level()))
+        })?;
+        Ok(Self {
+            controller: own,
+            set_point,
+            scope,
+            alpha,
+            level,
+        })
+    }
+
+    /// Whether a state is in the region, and by how much.
+    ///
+    /// Parameters
+    /// ----------
+    /// state : array_like, shape (n,)
+    ///     The state.
+    ///
+    /// Returns
+    /// -------
+    /// Attraction
+    fn contains<'py>(
+        &self,
+        py: Python<'py>,
+        state: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let state = convert::vector("state", state)?;
+        let found: Attraction = self.ask(py, |region| region.contains(&state))?;
+        let fields = PyDict::new(py);
+        fields.set_item("inside", found.is_inside())?;
+        fields.set_item("cost", found.cost)?;
+        fields.set_item("level", found.level)?;
+        fields.set_item("as_printed", found.as_printed)?;
+        convert::result(py, "Attraction", &fields)
+    }
+
+    /// The projection on two states.
+    ///
+    /// Parameters
+    /// ----------
+    /// coordinates : tuple of two int, default (0, 1)
+    ///     The states.
+    ///
+    /// Returns
+    /// -------
+    /// Polygon
+    #[pyo3(signature = (coordinates=(0, 1)))]
+    fn projection<'py>(
+        &self,
+        py: Python<'py>,
+        coordinates: (usize, usize),
+    ) -> PyResult<Bound<'py, PyAny>> {
+        polygon(py, self.ask(py, |region| region.projection(coordinates))?)
+    }
+
+    /// The section through the closest admissible set-point.
+    ///
+    /// Parameters
+    /// ----------
+    /// coordinates : tuple of two int, default (0, 1)
+    ///     The states that vary.
+    ///
+    /// Returns
+    /// -------
+    /// Polygon
+    #[pyo3(signature = (coordinates=(0, 1)))]
+    fn section<'py>(
+        &self,
+        py: Python<'py>,
+        coordinates: (usize, usize),
+    ) -> PyResult<Bound<'py, PyAny>> {
+        polygon(py, self.ask(py, |region| region.section(coordinates))?)
+    }
+
+    /// α.
+    #[getter]
+    fn alpha(&self) -> f64 {
+        self.alpha
+    }
+
+    /// (N + M̄) d + γ α.
+    #[getter]
+    fn level(&self) -> f64 {
+        self.level
+    }
+
+    /// For which artificial set-points α was checked.
+    #[getter]
+    fn scope(&self) -> &'static str {
+        names::word(self.scope)
+    }
+
+    fn __repr__(&self) -> String {
+        format!(
+            "StabilityRegion(alpha={:.6}, level={:.6}, scope='{}')",
+            self.alpha,
+            self.level,
+            self.scope()
+        )
+    }
+}
