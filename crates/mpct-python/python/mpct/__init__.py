@@ -15,6 +15,7 @@ True
 (50, 2)
 """
 
+from ._campaign import Campaign, campaign
 from ._errors import (
     ArgumentError,
     ArgumentTypeError,
@@ -64,6 +65,7 @@ __all__ = [
     "ArgumentTypeError",
     "Assumption",
     "Attraction",
+    "Campaign",
     "ComparedFigure",
     "ConstraintMargin",
     "Controller",
@@ -93,6 +95,7 @@ __all__ = [
     "Verified",
     "VerifyError",
     "__version__",
+    "campaign",
     "compare",
     "example",
     "performance",
