@@ -9,6 +9,7 @@ use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
 
 /// A set-point from its state and, when stated, its input.
 pub fn set_point(state: &Bound<'_, PyAny>, input: Option<&Bound<'_, PyAny>>) -> PyResult<SetPoint> {
@@ -223,6 +224,29 @@ impl PyController {
         let formulation = self.formulation().into_pyobject(py)?.into_any();
         Ok((rebuild, convert::tuple(py, vec![design, formulation])?))
     }
+}
+
+/// Seconds a step takes in a loop without Python: what `Controller.step` is compared with.
+#[pyfunction]
+pub fn _step_seconds(
+    py: Python<'_>,
+    controller: &Bound<'_, PyController>,
+    x: &Bound<'_, PyAny>,
+    set_point: &Bound<'_, PyAny>,
+    count: u32,
+) -> PyResult<f64> {
+    let x = convert::vector("x", x)?;
+    let set_point = self::set_point(set_point, None)?;
+    let known = controller.get();
+    py.detach(|| {
+        let mut controller = known.lock();
+        let start = Instant::now();
+        for _ in 0..count {
+            controller.step(&x, &set_point)?;
+        }
+        Ok(start.elapsed().as_secs_f64() / f64::from(count.max(1)))
+    })
+    .map_err(|e| errors::step(py, &e))
 }
 
 /// One step of a controller. Made by `Controller.step`.

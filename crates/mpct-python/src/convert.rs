@@ -59,13 +59,11 @@ fn shown(shape: &[usize]) -> String {
 fn plain_list(value: &Bound<'_, PyAny>) -> Option<Vec<f64>> {
     let list = value.cast_exact::<PyList>().ok()?;
     list.iter()
-        .map(|item| {
-            if item.is_exact_instance_of::<PyFloat>() || item.is_exact_instance_of::<PyInt>() {
-                // An integer beyond the range of a float is left to numpy, whose message names it.
-                item.extract::<f64>().ok()
-            } else {
-                None
-            }
+        .map(|item| match item.cast_exact::<PyFloat>() {
+            Ok(float) => Some(float.value()),
+            // An integer beyond the range of a float is left to numpy, whose message names it.
+            Err(_) if item.is_exact_instance_of::<PyInt>() => item.extract::<f64>().ok(),
+            Err(_) => None,
         })
         .collect()
 }

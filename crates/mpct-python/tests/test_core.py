@@ -281,3 +281,112 @@ except KeyboardInterrupt:
     finally:
         process.kill()
     assert out == "interrupted True\n"
+
+
+def test_pickle_of_runs_and_files(problem, controller):
+    run = mpct.simulate(controller, [0, 0], [(0, [2, 0.5]), (5, [1, 0], [0, 0])], 10)
+    again = pickle.loads(pickle.dumps(run))
+    for name in ("x", "u", "cost", "admissible", "final_state"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(run, name))
+    assert again.problem == problem and again.status == run.status
+    file = mpct.ProblemFile(problem, mpct.Simulation([0, 0], [(0, [2, 0.5])], 10, [0.1, 0.1], 3))
+    assert pickle.loads(pickle.dumps(file)).to_toml() == file.to_toml()
+
+
+def test_simulation_of_problem_files(problem, tmp_path):
+    simulation = mpct.Simulation([0, 0], [(0, [2, 0.5]), (5, [1, 0], [0, 0.5])], 10, [0.1, 0.2], 3)
+    file = mpct.ProblemFile(problem, simulation)
+    path = tmp_path / "problem.toml"
+    file.write(path)
+    file.write(path)
+    read = mpct.ProblemFile.read(path)
+    assert read.problem == problem and read.to_toml() == file.to_toml()
+    assert (read.simulation.steps, read.simulation.seed) == (10, 3)
+    np.testing.assert_array_equal(read.simulation.disturbance, [0.1, 0.2])
+    assert read.simulation.set_points[1][0] == 5 and len(read.simulation.set_points[1]) == 3
+    assert mpct.ProblemFile(problem).simulation is None
+    assert mpct.ProblemFile.parse(problem.to_toml()).simulation is None
+    assert [p.name for p in tmp_path.iterdir()] == ["problem.toml"]
+
+
+def test_mixed_blocks():
+    blocks = [([[1, 1]], None, [2.5]), (None, np.eye(2), [1.5, 1.5])]
+    problem = academic_problem(mixed=blocks)
+    assert problem.rows == 11 and len(problem.mixed) == 2
+    np.testing.assert_array_equal(problem.mixed[0][1], [[0, 0]])
+    assert academic_problem(mixed=blocks[0]).rows == 9
+    assert mpct.Problem.from_toml(problem.to_toml()) == problem
+    narrow = problem.replace(input=(-1, 1))
+    assert narrow.mixed[1][2].tolist() == [1.5, 1.5] and narrow.state[1].tolist() == [3, 3]
+    for wrong in (3, [[1, 2, 3]], (np.eye(2), [1])):
+        with pytest.raises(mpct.ArgumentTypeError, match="mixed"):
+            academic_problem(mixed=wrong)
+
+
+def test_replace_changes_what_is_named(problem):
+    changed = problem.replace(Q=[1, 2], R=5, O_input=1.0, horizon=4, name="other")
+    np.testing.assert_array_equal(changed.Q, np.diag([1.0, 2.0]))
+    assert (changed.horizon, changed.name, changed.scaling) == (4, "other", problem.scaling)
+    np.testing.assert_array_equal(changed.O, problem.O)
+    assert problem.replace() == problem
+    gained = problem.replace(gain=problem.design().gain)
+    assert gained.gain.shape == (2, 2)
+
+
+def test_problem_qp_is_that_of_its_controller(problem, controller):
+    for mine, its in zip(problem.qp([0.5, 0], [2, 0.5]), controller.qp([0.5, 0], [2, 0.5])):
+        np.testing.assert_array_equal(mine, its)
+    with pytest.raises(mpct.StepError):
+        problem.qp([0.5], [2, 0.5])
+    assert threads_agree(lambda: problem.replace().qp([0.5, 0], [2, 0.5])[1].tolist())
+
+
+def threads_agree(work):
+    found = []
+    threads = [threading.Thread(target=lambda: found.append(work())) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return len(found) == 4 and all(f == found[0] for f in found)
+
+
+def test_python_control_models_of_all_kinds():
+    control = pytest.importorskip("control")
+    A, B = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])
+    continuous = control.ss(A, B, np.eye(2), np.zeros((2, 1)))
+    with pytest.raises(mpct.ArgumentError, match="continuous time"):
+        mpct.Plant(continuous)
+    sampled = mpct.Plant.continuous(continuous, dt=0.1)
+    np.testing.assert_allclose(sampled.A, control.c2d(continuous, 0.1).A, atol=1e-14)
+    assert mpct.Plant(control.c2d(continuous, 0.1)).sampling_time == pytest.approx(0.1)
+    assert mpct.Plant(control.ss(A, B, np.eye(2), np.zeros((2, 1)), True)).sampling_time is None
+    with pytest.raises(mpct.ArgumentTypeError, match="state-space model"):
+        mpct.Plant(control.tf([1], [1, 1], 0.1))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+def test_interrupt_of_a_design():
+    code = """
+import mpct
+problem = mpct.example("carts", 60).problem.replace(scaling=0.999999)
+print("ready", flush=True)
+try:
+    problem.design(condition="sufficient", max_horizon=10**7)
+    print("done")
+except KeyboardInterrupt:
+    print("interrupted", flush=True)
+except mpct.DesignError as error:
+    print(error.kind)
+"""
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout.readline() == "ready\n"
+        time.sleep(0.5)
+        started = time.monotonic()
+        process.send_signal(signal.SIGINT)
+        out, _ = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert out == "interrupted\n"
+    assert time.monotonic() - started < 10
