@@ -9,7 +9,7 @@ use std::path::PathBuf;
 #[command(name = "mpct", version, about, max_term_width = 100)]
 #[command(after_help = "\
 Exit codes: 0 done; 2 bad file or arguments; 3 an assumption fails; 4 terminal horizon not determined; \
-5 infeasible; 6 solver failure; 7 input/output.
+5 infeasible; 6 solver failure; 7 input/output; 130 Ctrl-C.
 
 Start with: mpct example academic > academic.toml && mpct simulate academic.toml")]
 pub struct Arguments {

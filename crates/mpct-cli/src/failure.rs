@@ -1,5 +1,6 @@
 //! Errors of the command: a message, what would help, and an exit code for each class.
 
+use crate::interrupt::Search;
 use mpct::{DesignError, FileError, SimulationError, StepError};
 use std::io;
 use std::path::Path;
@@ -19,6 +20,8 @@ pub enum Class {
     Solver = 6,
     /// A file cannot be read or written.
     Io = 7,
+    /// Ctrl-C.
+    Interrupted = 130,
 }
 
 /// What ends the command.
@@ -84,7 +87,12 @@ impl From<DesignError> for Failure {
                 ),
             ),
             E::Unbounded { .. } => (Class::Assumption, None),
-            E::HorizonNotDetermined { .. } | E::Interrupted { .. } => (Class::Horizon, None),
+            E::Interrupted { .. } if Search::is_asked_to_end() => (Class::Interrupted, None),
+            E::Interrupted { .. } => (
+                Class::Horizon,
+                Some("allow more time with --time-limit, or none without it"),
+            ),
+            E::HorizonNotDetermined { .. } => (Class::Horizon, None),
             E::Solver { .. } => (Class::Solver, None),
             _ => (Class::Input, None),
         };

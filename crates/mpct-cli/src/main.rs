@@ -3,6 +3,7 @@
 mod arguments;
 mod commands;
 mod failure;
+mod interrupt;
 mod output;
 mod report;
 
@@ -13,6 +14,7 @@ use std::process::ExitCode;
 fn main() -> ExitCode {
     // Wrong arguments end here with exit code 2, help and version with 0.
     let arguments = Arguments::parse();
+    interrupt::install();
     let result = match arguments.command {
         Command::Check(a) => commands::check::run(&a),
         Command::Design(a) => commands::design::run(&a),

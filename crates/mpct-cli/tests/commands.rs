@@ -172,7 +172,7 @@ fn sweep_shows_the_shape_of_table_1() {
     );
     assert!(
         list.iter()
-            .all(|l| l["scaling"].is_number() && l["seconds"].is_number())
+            .all(|l| l["scaling"].is_number() && l["design_seconds"].is_number())
     );
 }
 
@@ -230,4 +230,43 @@ fn help_and_version_succeed() {
         assert_eq!(answer.code(), 0);
         assert!(answer.stdout().contains("mpct"));
     }
+}
+
+#[test]
+fn a_certificate_is_written_and_verified() {
+    let folder = Folder::new();
+    let text = folder.run(&["example", "drone"]).stdout();
+    folder.write("drone.toml", text);
+    let design = folder.run(&["design", "drone.toml", "--certificate", "proof.json"]);
+    assert_eq!(design.code(), 0, "{}", design.stderr());
+    let verified = folder.run(&["verify", "proof.json"]);
+    assert_eq!(verified.code(), 0, "{}", verified.stderr());
+    let text = verified.stdout();
+    assert!(text.contains("terminal horizon 92"), "{text}");
+    assert!(text.contains("stays admissible for ever"), "{text}");
+    let json = folder.run(&["verify", "proof.json", "--json"]).json();
+    assert_eq!(json["terminal_horizon"], 92);
+    assert_eq!(json["rows_to_tolerance"], 0);
+    assert!(json["smallest_margin"].as_f64().is_some_and(|m| m > 0.0));
+
+    let path = folder.path().join("proof.json");
+    let true_text = std::fs::read_to_string(&path).unwrap();
+    let claim = "\"terminal_horizon\":92";
+    assert!(true_text.contains(claim));
+    folder.write(
+        "proof.json",
+        true_text.replace(claim, "\"terminal_horizon\":91"),
+    );
+    folder
+        .run(&["verify", "proof.json"])
+        .refuses(2, &["the digest does not fit", "--ignore-digest"]);
+    folder
+        .run(&["verify", "proof.json", "--ignore-digest"])
+        .refuses(2, &["refused", "terminal horizon"]);
+    folder
+        .run(&["verify", "drone.toml"])
+        .refuses(2, &["not a certificate"]);
+    folder
+        .run(&["verify", "nowhere.json"])
+        .refuses(7, &["nowhere.json"]);
 }

@@ -136,6 +136,49 @@ mod unix {
         assert_eq!(names(folder.path()), ["case.toml"]);
     }
 
+    /// A mode that fades over millions of steps, counted up one by one.
+    const ENDLESS: &str = r#"
+[plant]
+A = [[0.9999999, 0.0], [0.0, 0.5]]
+B = [[0.0], [1.0]]
+[constraints]
+state_lower = [-1.0, -1.0]
+state_upper = [1.0, 1.0]
+input_lower = [-1.0]
+input_upper = [1.0]
+mixed = [{ C = [[1.0, 1.0]], D = [[1.0]], d = [1.5] }]
+[weights]
+Q = 1.0
+R = 1.0
+O = 100.0
+"#;
+
+    #[test]
+    fn an_interrupted_search_tells_what_it_knows() {
+        let folder = Folder::new();
+        folder.write("endless.toml", ENDLESS);
+        let limits = ["--condition", "sufficient", "--max-horizon", "1000000000"];
+        let child = Command::new(env!("CARGO_BIN_EXE_mpct"))
+            .args(["design", "endless.toml", "--certificate", "proof.json"])
+            .args(limits)
+            .current_dir(folder.path())
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        std::thread::sleep(Duration::from_millis(1500));
+        let signal = Command::new("kill")
+            .args(["-INT", &child.id().to_string()])
+            .status();
+        assert!(signal.is_ok_and(|s| s.success()), "kill");
+        let output = child.wait_with_output().unwrap();
+        let told = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(130), "{told}");
+        assert!(told.contains("the terminal horizon is at least"), "{told}");
+        assert!(told.contains("rows were still open"), "{told}");
+        assert_eq!(names(folder.path()), ["endless.toml"]);
+    }
+
     /// A pipe whose reader is gone.
     fn deaf() -> Stdio {
         let (reader, writer) = std::io::pipe().unwrap();

@@ -12,6 +12,7 @@
 //! algebraic Riccati equations", Int. J. Control 77(8), 2004; squared Smith iteration, Smith 1968.
 
 mod local;
+mod residual;
 mod smith;
 
 use crate::clock::Clock;
@@ -111,6 +112,9 @@ fn full(problem: &Problem, clock: &Clock) -> Result<Law, DesignError> {
     if let Some(correction) = lyapunov(&closed_loop, &residual) {
         weight = linalg::symmetrised(&(&weight + correction));
     }
+    let left = closed_loop.transpose() * &weight * &closed_loop - &weight + &stage;
+    let entries = (0..left.nrows()).flat_map(|i| (0..left.ncols()).map(move |j| (i, j)));
+    residual::check(problem, entries.map(|(i, j)| (i, j, left[(i, j)])))?;
     Ok(Law {
         gain: linalg::sparse(&gain),
         weight: linalg::sparse(&weight),

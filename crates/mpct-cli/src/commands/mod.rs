@@ -12,6 +12,7 @@ pub mod verify;
 
 use crate::arguments::Limits;
 use crate::failure::Failure;
+use crate::interrupt::Search;
 use crate::output::Waiting;
 use mpct::{DesignOptions, Problem, ProblemFile, Progress, SparseMatrix, TerminalIngredients};
 use std::ops::ControlFlow;
@@ -23,11 +24,19 @@ pub fn read(path: &Path) -> Result<ProblemFile, Failure> {
     ProblemFile::read(path).map_err(|e| Failure::from(e).in_file(path))
 }
 
-/// Designs with a progress bar.
+/// Designs with a progress bar. Ctrl-C ends it with what is known.
 pub fn design_with_progress(
     problem: &Problem,
     limits: &Limits,
 ) -> Result<TerminalIngredients, Failure> {
+    with_progress(limits, |options| {
+        Ok(TerminalIngredients::design(problem, options)?)
+    })
+}
+
+/// Runs a search with a progress bar.
+pub fn with_progress<T>(limits: &Limits, work: impl FnOnce(&DesignOptions<'_>) -> T) -> T {
+    let _search = Search::begin();
     let waiting = Waiting::new("terminal horizon", None);
     let progress = |p: &Progress| {
         if p.rows_total > 0 {
@@ -38,15 +47,18 @@ pub fn design_with_progress(
             p.rows_done, p.terminal_horizon_at_least
         );
         waiting.at(p.rows_done as u64, message);
-        ControlFlow::Continue(())
+        if Search::is_asked_to_end() {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
     };
-    let options = DesignOptions {
+    work(&DesignOptions {
         condition: limits.condition.into(),
         max_horizon: limits.max_horizon,
         time_limit: limits.time_limit.map(Duration::from_secs_f64),
         progress: Some(&progress),
-    };
-    Ok(TerminalIngredients::design(problem, &options)?)
+    })
 }
 
 /// A matrix as a list of rows, for JSON.

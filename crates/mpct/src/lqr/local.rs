@@ -58,6 +58,10 @@ pub(super) fn terminal_law(problem: &Problem, clock: &Clock) -> Result<Option<La
         weight = weight.combine(1.0, &correction.sum, 1.0);
         weight = weight.combine(0.5, &weight.transpose(), 0.5);
     }
+    let left = product(&closed_loop.transpose(), &product(&weight, &closed_loop))
+        .combine(1.0, &stage, 1.0)
+        .combine(1.0, &weight, -1.0);
+    super::residual::check(problem, left.entries())?;
     if problem.gain().is_none() {
         let terms = product(&b.transpose(), &product(&weight, &closed_loop));
         let residual = rk.combine(1.0, &terms, 1.0);

@@ -18,6 +18,7 @@ use rayon::prelude::*;
 use std::collections::VecDeque;
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
 
 /// What the search found.
 pub(super) struct Found {
@@ -50,6 +51,7 @@ pub(super) fn search(
         done: AtomicUsize::new(0),
         total: AtomicUsize::new(0),
         at_least: AtomicUsize::new(1),
+        reported: AtomicUsize::new(0),
     };
     match options.condition {
         Condition::Exact => search.exact(system, bank),
@@ -65,8 +67,8 @@ const SCOUTS: usize = 16;
 /// many, and at least so many parts that no thread is idle for long.
 const ROWS_PER_TASK: usize = 32;
 const TASKS: usize = 16;
-/// Rows done between two reports.
-const REPORT: usize = 64;
+/// Time between two reports while rows are searched.
+const REPORT: Duration = Duration::from_millis(50);
 
 struct Search<'a> {
     problem: &'a Problem,
@@ -76,6 +78,8 @@ struct Search<'a> {
     done: AtomicUsize,
     total: AtomicUsize,
     at_least: AtomicUsize,
+    /// Milliseconds on the clock at the last report.
+    reported: AtomicUsize,
 }
 
 /// A side that is not spent at step `low`.
@@ -215,11 +219,9 @@ impl Search<'_> {
                         hints.add(profile, at);
                         self.at_least
                             .fetch_max(at.saturating_sub(1), Ordering::Relaxed);
-                        let done = 1 + self.done.fetch_add(1, Ordering::Relaxed);
-                        if done.is_multiple_of(REPORT) {
-                            self.report();
-                        }
+                        self.done.fetch_add(1, Ordering::Relaxed);
                     }
+                    self.report_now_and_then();
                     outcomes.push(outcome);
                 }
                 Ok(outcomes)
@@ -347,6 +349,22 @@ impl Search<'_> {
             expected: "at least 1".into(),
             found: self.options.max_horizon.to_string(),
         })
+    }
+
+    /// Reports when the last report is old; one thread does, the others go on.
+    fn report_now_and_then(&self) {
+        let now = self.clock.elapsed().as_millis() as usize;
+        let last = self.reported.load(Ordering::Relaxed);
+        let is_old = now.saturating_sub(last) as u128 >= REPORT.as_millis();
+        let order = Ordering::Relaxed;
+        if is_old
+            && self
+                .reported
+                .compare_exchange(last, now, order, order)
+                .is_ok()
+        {
+            self.report();
+        }
     }
 
     fn report(&self) {

@@ -209,3 +209,66 @@ fn units_do_not_change_the_horizon() {
         assert!(verify(&text, VerifyOptions::default()).is_ok());
     }
 }
+
+/// Weights that do not fit the units: K and P lose all digits, and the design says so.
+#[test]
+fn a_terminal_cost_that_cannot_be_verified_is_refused() {
+    for k in [1e3, 1e6] {
+        let plant = Plant::discrete(
+            Matrix::from_rows(&[[1.0, 0.1 * k * k], [0.0, 0.95]]),
+            Matrix::from_rows(&[[0.0], [0.1 / k]]),
+        )
+        .unwrap();
+        let constraints = Constraints::new(2, 1)
+            .state_bounds(&[-k, -1.0 / k], &[k, 1.0 / k])
+            .unwrap()
+            .input_bounds(&[-1.0], &[1.0])
+            .unwrap();
+        let problem = Problem::new(plant, constraints, Weights::new(1.0, 1.0, 1e3)).unwrap();
+        match TerminalIngredients::design(&problem, &DesignOptions::default()) {
+            Err(DesignError::Solver { what, detail }) => {
+                assert_eq!(what, "P of (3)");
+                assert!(detail.contains("of the stage cost"), "{detail}");
+            }
+            other => panic!("{k}: {other:?}"),
+        }
+    }
+}
+
+/// Inputs that do nearly the same, and rows that say nearly the same.
+#[test]
+fn nearly_dependent_inputs_and_rows_change_nothing() {
+    for e in [1e-3, 1e-6, 1e-9, 1e-12] {
+        let plant = Plant::discrete(
+            Matrix::from_rows(&[[1.0, 1.0], [0.0, 1.0]]),
+            Matrix::from_rows(&[[0.0, 0.0], [1.0, 1.0 + e]]),
+        )
+        .unwrap();
+        let constraints = Constraints::new(2, 2)
+            .state_bounds(&[-3.0; 2], &[3.0; 2])
+            .unwrap()
+            .input_bounds(&[-2.0; 2], &[2.0; 2])
+            .unwrap();
+        let alike =
+            Problem::new(plant, constraints.clone(), Weights::new(10.0, 100.0, 1e4)).unwrap();
+        let rows = Matrix::from_rows(&[[1.0, e], [1.0 + e, 0.0], [1.0, -e]]);
+        let bounds = vec![3.0, 3.0, 3.0 * (1.0 + e)];
+        let constraints = constraints
+            .mixed(rows, Matrix::zeros(3, 2), bounds)
+            .unwrap();
+        let crowded = Problem::new(
+            academic().plant().clone(),
+            constraints,
+            Weights::new(10.0, 100.0, 1e4),
+        )
+        .unwrap();
+        for problem in [alike, crowded] {
+            let ingredients =
+                TerminalIngredients::design(&problem, &DesignOptions::default()).unwrap();
+            assert_eq!(ingredients.terminal_horizon(), 5, "{e}");
+            let text = Certificate::of(&ingredients).unwrap().to_json();
+            let verified = verify(&text, VerifyOptions::default()).unwrap();
+            assert_eq!(verified.rows_to_tolerance, 0);
+        }
+    }
+}
