@@ -164,6 +164,21 @@ def worker_of_a_child():
     return next(p.pid for p in multiprocessing.active_children())
 
 
+class EndsItsProcess:
+    """Takes down the process that receives it."""
+
+    def __reduce__(self):
+        return os._exit, (1,)
+
+
+@pytest.mark.parametrize("method", ["spawn", "forkserver"])
+def test_run_that_kills_its_worker(method):
+    runs = [{"scaling": 0.5 + 0.01 * i} for i in range(20)]
+    runs[7] = {"name": EndsItsProcess()}
+    found = mpct.campaign(academic_problem(), runs, processes=2, start_method=method)
+    assert [row["run"] for row in found.failed] == [7] and found.rows[7]["error"] == "worker_lost"
+
+
 def test_interrupt_keeps_what_was_done(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(

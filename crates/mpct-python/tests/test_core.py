@@ -19,24 +19,61 @@ import mpct
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 
 
+TEN_LINES = """
+import mpct
+plant = mpct.Plant(A, B)                       # numpy; or Plant.continuous(A, B, dt), or a control.StateSpace
+problem = mpct.Problem(plant, state=(lo, hi), input=(lo, hi), Q=10, R=100, O=1e4, horizon=10, scaling=0.9)
+design = problem.design()                      # progress bar in terminals and notebooks; repr says M̃, ρ, rows, seconds
+controller = design.controller()
+step = controller.step(x, set_point)           # step.u, step.artificial_state, step.cost, step.admissible, …
+run = mpct.simulate(controller, x0, set_points, steps=210)
+run.plot(); run.to_dataframe()
+"""
+
+
 def test_ten_lines():
-    A, B = np.array([[1, 1], [0, 1]]), np.array([[0, 0.5], [1, 0.5]])
-    lo, hi = np.array([-3, -3]), np.array([3, 3])
-    x, set_point, x0 = np.zeros(2), np.array([2, 0.5]), np.zeros(2)
-    set_points = [(0, [2, 0.5]), (50, [-2, -0.5]), (100, [1, 0.25]), (150, [5, 1])]
-    plant = mpct.Plant(A, B)
-    problem = mpct.Problem(plant, state=(lo, hi), input=(-2, 2), Q=10, R=100, O=1e4, horizon=10, scaling=0.9)
-    design = problem.design()
-    controller = design.controller()
-    step = controller.step(x, set_point)
-    run = mpct.simulate(controller, x0, set_points, steps=210)
-    assert step.admissible and step.u.shape == (2,)
+    known = {
+        "A": np.array([[1, 1], [0, 1]]),
+        "B": np.array([[0, 0.5], [1, 0.5]]),
+        "lo": [-3, -3],
+        "hi": [3, 3],
+        "x": np.zeros(2),
+        "x0": np.zeros(2),
+        "set_point": [2, 0.5],
+        "set_points": [(0, [2, 0.5]), (50, [-2, -0.5]), (100, [1, 0.25]), (150, [5, 1])],
+    }
+    exec(TEN_LINES, known)
+    step, run = known["step"], known["run"]
+    assert step.admissible and step.u.shape == (2,) and step.artificial_state.shape == (2,) and step.cost > 0
     assert len(run.plot().axes) == 4
     frame = run.to_dataframe()
     assert frame.shape == (210, 16) and frame.index.name == "k"
     assert not run.admissible[-1] and run.admissible[:150].all()
     assert run.worst_violation < 1e-8
     np.testing.assert_allclose(run.x[49], [2, 0.5], atol=1e-3)
+
+
+def test_progress_bar(problem, capsys, monkeypatch):
+    from mpct import _progress
+
+    monkeypatch.setattr(_progress, "_DELAY", 0.0)
+    bar = _progress.bar(True)
+    for done in range(3):
+        bar(done, 3, 7)
+        time.sleep(0.11)
+    bar.close()
+    shown = capsys.readouterr().err
+    assert "2/3 rows" in shown and "M̃ ≥ 7" in shown and shown.endswith("\r")
+    assert problem.design(progress=True).terminal_horizon == 5
+    # Nobody looks at a captured stream.
+    problem.design()
+    assert capsys.readouterr().err == ""
+
+
+def test_time_limit():
+    with pytest.raises(mpct.DesignError) as error:
+        mpct.example("carts", 40).problem.design(time_limit=0.0)
+    assert error.value.kind == "interrupted" and error.value.at_least >= 0
 
 
 def test_terminal_horizon_of_the_paper(design):
