@@ -9,8 +9,9 @@ use mpct::analysis::{
     AlphaBounds, AlphaScope, Attraction, DomainOfAttraction, Membership, Polygon, StabilityRegion,
 };
 use mpct::{Controller, DesignError, SetPoint};
+use pyo3::IntoPyObjectExt;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyTuple};
 
 /// A polygon for Python.
 pub fn polygon<'py>(py: Python<'py>, polygon: Polygon) -> PyResult<Bound<'py, PyAny>> {
@@ -145,9 +146,10 @@ impl PyDomainOfAttraction {
     fn projection<'py>(
         &self,
         py: Python<'py>,
-        coordinates: (usize, usize),
+        coordinates: (i64, i64),
         tolerance: Option<f64>,
     ) -> PyResult<Bound<'py, PyAny>> {
+        let coordinates = convert::coordinates(py, coordinates)?;
         let tolerance = tolerance.unwrap_or(mpct::analysis::OUTLINE);
         polygon(
             py,
@@ -172,8 +174,9 @@ impl PyDomainOfAttraction {
         &self,
         py: Python<'py>,
         state: &Bound<'py, PyAny>,
-        coordinates: (usize, usize),
+        coordinates: (i64, i64),
     ) -> PyResult<Bound<'py, PyAny>> {
+        let coordinates = convert::coordinates(py, coordinates)?;
         let state = convert::vector("state", state)?;
         polygon(py, work(py, || self.inner.section(&state, coordinates))?)
     }
@@ -187,6 +190,17 @@ impl PyDomainOfAttraction {
         let controller = slf.get().controller.clone_ref(py);
         (slf.get_type().into_any(), (controller,))
     }
+}
+
+/// State and input of a set-point as arguments.
+fn set_point_arguments<'py>(
+    py: Python<'py>,
+    set_point: &SetPoint,
+) -> PyResult<[Bound<'py, PyAny>; 2]> {
+    Ok([
+        set_point.state.clone().into_bound_py_any(py)?,
+        set_point.input.clone().into_bound_py_any(py)?,
+    ])
 }
 
 /// Work on a design without the GIL.
@@ -210,6 +224,8 @@ fn work<T: Send>(
 #[pyclass(frozen, name = "AlphaBounds", module = "mpct")]
 pub struct PyAlphaBounds {
     inner: AlphaBounds,
+    design: PyDesign,
+    set_point: SetPoint,
 }
 
 #[pymethods]
@@ -223,9 +239,13 @@ impl PyAlphaBounds {
         input: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let set_point = controller::set_point(set_point, input)?;
-        let ingredients = &design.inner;
-        let inner = work(py, || AlphaBounds::of(ingredients, &set_point))?;
-        Ok(Self { inner })
+        let design = design.clone();
+        let inner = work(py, || AlphaBounds::of(&design.inner, &set_point))?;
+        Ok(Self {
+            inner,
+            design,
+            set_point,
+        })
     }
 
     /// The largest α.
@@ -272,6 +292,15 @@ impl PyAlphaBounds {
             self.inner.largest(AlphaScope::AroundSetPoint)
         )
     }
+
+    fn __reduce__<'py>(
+        slf: &Bound<'py, Self>,
+    ) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyTuple>)> {
+        let (py, known) = (slf.py(), slf.get());
+        let mut arguments = vec![Bound::new(py, known.design.clone())?.into_any()];
+        arguments.extend(set_point_arguments(py, &known.set_point)?);
+        Ok((slf.get_type().into_any(), convert::tuple(py, arguments)?))
+    }
 }
 
 /// The stability region of a controller without terminal constraint, for one set-point (section 3.5).
@@ -300,6 +329,7 @@ impl PyAlphaBounds {
 pub struct PyStabilityRegion {
     /// Its own, so that steps of the one it was made from need not wait.
     controller: Controller,
+    made_from: Py<PyController>,
     set_point: SetPoint,
     scope: AlphaScope,
     alpha: f64,
@@ -328,20 +358,21 @@ impl PyStabilityRegion {
     #[pyo3(signature = (controller, set_point, scope="every_equilibrium", input=None))]
     fn new(
         py: Python<'_>,
-        controller: PyRef<'_, PyController>,
+        controller: Py<PyController>,
         set_point: &Bound<'_, PyAny>,
         scope: &str,
         input: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let set_point = controller::set_point(set_point, input)?;
         let scope: AlphaScope = names::value(py, scope)?;
-        let own = controller.again(py)?;
+        let own = controller.get().again(py)?;
         let (alpha, level) = work(py, || {
             let region = StabilityRegion::of(&own, &set_point, scope)?;
             Ok((region.alpha(), region.level()))
         })?;
         Ok(Self {
             controller: own,
+            made_from: controller,
             set_point,
             scope,
             alpha,
@@ -388,8 +419,9 @@ impl PyStabilityRegion {
     fn projection<'py>(
         &self,
         py: Python<'py>,
-        coordinates: (usize, usize),
+        coordinates: (i64, i64),
     ) -> PyResult<Bound<'py, PyAny>> {
+        let coordinates = convert::coordinates(py, coordinates)?;
         polygon(py, self.ask(py, |region| region.projection(coordinates))?)
     }
 
@@ -407,8 +439,9 @@ impl PyStabilityRegion {
     fn section<'py>(
         &self,
         py: Python<'py>,
-        coordinates: (usize, usize),
+        coordinates: (i64, i64),
     ) -> PyResult<Bound<'py, PyAny>> {
+        let coordinates = convert::coordinates(py, coordinates)?;
         polygon(py, self.ask(py, |region| region.section(coordinates))?)
     }
 
@@ -437,5 +470,15 @@ impl PyStabilityRegion {
             self.level,
             self.scope()
         )
+    }
+    fn __reduce__<'py>(
+        slf: &Bound<'py, Self>,
+    ) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyTuple>)> {
+        let (py, known) = (slf.py(), slf.get());
+        let [state, input] = set_point_arguments(py, &known.set_point)?;
+        let made_from = known.made_from.clone_ref(py).into_bound(py).into_any();
+        let scope = known.scope().into_bound_py_any(py)?;
+        let arguments = convert::tuple(py, vec![made_from, state, scope, input])?;
+        Ok((slf.get_type().into_any(), arguments))
     }
 }

@@ -7,7 +7,7 @@ use crate::names;
 use mpct::{AdmissibleSetPoint, CondensedQp, Controller, Formulation, SetPoint, Step};
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
-use pyo3::types::PyTuple;
+use pyo3::types::{PyDict, PyTuple};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
@@ -173,10 +173,14 @@ impl PyController {
     fn set_limits(
         &self,
         py: Python<'_>,
-        iterations: Option<u32>,
+        iterations: Option<i64>,
         seconds: Option<f64>,
     ) -> PyResult<()> {
         let time = design::seconds(py, "seconds", seconds)?;
+        let iterations = iterations
+            .map(|i| convert::whole(py, "iterations", i))
+            .transpose()?
+            .map(|i| u32::try_from(i).unwrap_or(u32::MAX));
         py.detach(|| self.lock().set_limits(iterations, time));
         Ok(())
     }
@@ -340,6 +344,25 @@ impl PyStep {
         self.inner.elapsed.as_secs_f64()
     }
 
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (StepParts,))> {
+        let step = self.inner.clone();
+        let numbers = (
+            step.cost,
+            step.offset_cost,
+            step.admissible,
+            step.status.to_string(),
+            step.iterations,
+            step.violation,
+            step.elapsed.as_secs_f64(),
+        );
+        let parts = (
+            numbers,
+            [step.input, step.artificial_state, step.artificial_input],
+            [step.predicted_states, step.predicted_inputs],
+        );
+        Ok((py.import("mpct._mpct")?.getattr("_step")?, (parts,)))
+    }
+
     fn __repr__(&self) -> String {
         format!(
             "Step(u={:?}, cost={:.6e}, admissible={}, status='{}', iterations={}, seconds={:.3e})",
@@ -357,66 +380,44 @@ impl PyStep {
     }
 }
 
-/// The admissible steady state closest to a set-point. Made by `Design.closest_admissible`.
-#[pyclass(frozen, name = "AdmissibleSetPoint", module = "mpct")]
-#[derive(Clone)]
-pub struct PyAdmissibleSetPoint {
-    pub inner: AdmissibleSetPoint,
+/// An admissible set-point for Python.
+pub fn closest<'py>(py: Python<'py>, found: AdmissibleSetPoint) -> PyResult<Bound<'py, PyAny>> {
+    let fields = PyDict::new(py);
+    let limiting: Vec<String> = found.limiting.iter().map(ToString::to_string).collect();
+    fields.set_item("state", convert::to_array(py, found.state))?;
+    fields.set_item("input", convert::to_array(py, found.input))?;
+    fields.set_item("parameter", convert::to_array(py, found.parameter))?;
+    fields.set_item("offset_cost", found.offset_cost)?;
+    fields.set_item("admissible", found.admissible)?;
+    fields.set_item("limiting", limiting)?;
+    convert::result(py, "AdmissibleSetPoint", &fields)
 }
 
-#[pymethods]
-impl PyAdmissibleSetPoint {
-    /// Its state, shape (n,).
-    #[getter]
-    fn state<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_slice(py, &self.inner.state)
-    }
+/// What `Step.__reduce__` hands over: numbers, arrays, the prediction, words.
+type StepParts = (
+    (f64, f64, bool, String, usize, f64, f64),
+    [Vec<f64>; 3],
+    [Vec<Vec<f64>>; 2],
+);
 
-    /// Its input, shape (m,).
-    #[getter]
-    fn input<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_slice(py, &self.inner.input)
-    }
-
-    /// θ.
-    #[getter]
-    fn parameter<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_slice(py, &self.inner.parameter)
-    }
-
-    /// Weighted squared distance from the set-point.
-    #[getter]
-    fn offset_cost(&self) -> f64 {
-        self.inner.offset_cost
-    }
-
-    /// Whether the set-point itself is admissible.
-    #[getter]
-    fn admissible(&self) -> bool {
-        self.inner.admissible
-    }
-
-    /// The constraint rows that are active there.
-    #[getter]
-    fn limiting(&self) -> Vec<String> {
-        self.inner
-            .limiting
-            .iter()
-            .map(ToString::to_string)
-            .collect()
-    }
-
-    fn __repr__(&self) -> String {
-        format!(
-            "AdmissibleSetPoint(state={:?}, input={:?}, admissible={}, limiting={:?})",
-            self.inner.state,
-            self.inner.input,
-            if self.inner.admissible {
-                "True"
-            } else {
-                "False"
-            },
-            self.limiting()
-        )
-    }
+/// A step out of a pickle.
+#[pyfunction]
+pub fn _step(py: Python<'_>, parts: StepParts) -> PyResult<PyStep> {
+    let (numbers, [input, artificial_state, artificial_input], [states, inputs]) = parts;
+    let (cost, offset_cost, admissible, status, iterations, violation, seconds) = numbers;
+    let inner = Step {
+        input,
+        artificial_state,
+        artificial_input,
+        cost,
+        offset_cost,
+        admissible,
+        predicted_states: states,
+        predicted_inputs: inputs,
+        status: names::value(py, &status)?,
+        violation,
+        iterations,
+        elapsed: design::seconds(py, "seconds", Some(seconds))?.unwrap_or_default(),
+    };
+    Ok(PyStep { inner })
 }

@@ -3,9 +3,10 @@
 use crate::errors;
 use mpct::{Matrix, SparseMatrix};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
+use pyo3::exceptions::PyOverflowError;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
-use pyo3::types::{PyDict, PyFloat, PyInt, PyList, PyString, PyTuple};
+use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple};
 
 /// Numbers with their shape, in row-major order.
 pub struct Numbers {
@@ -107,6 +108,33 @@ pub fn matrix(what: &str, value: &Bound<'_, PyAny>) -> PyResult<Matrix> {
         }
         shape => Err(shape_error(value.py(), what, "a matrix", shape)),
     }
+}
+
+/// A whole number ≥ 0; Python's own conversion would refuse a negative one without saying which it is.
+pub fn whole(py: Python<'_>, what: &str, value: i64) -> PyResult<usize> {
+    usize::try_from(value)
+        .map_err(|_| errors::argument(py, what, "a whole number >= 0", &value.to_string()))
+}
+
+/// The same of anything that Python takes as an index.
+pub fn whole_of(what: &str, value: &Bound<'_, PyAny>) -> PyResult<usize> {
+    let expected = "a whole number >= 0";
+    let found = || value.repr().map_or_else(|_| "?".into(), |r| r.to_string());
+    match value.extract::<i64>() {
+        Ok(number) if !value.is_instance_of::<PyBool>() => whole(value.py(), what, number),
+        Err(error) if error.is_instance_of::<PyOverflowError>(value.py()) => {
+            Err(errors::argument(value.py(), what, expected, &found()))
+        }
+        _ => Err(errors::argument_type(value.py(), what, expected, &found())),
+    }
+}
+
+/// Two coordinates.
+pub fn coordinates(py: Python<'_>, pair: (i64, i64)) -> PyResult<(usize, usize)> {
+    Ok((
+        whole(py, "coordinates", pair.0)?,
+        whole(py, "coordinates", pair.1)?,
+    ))
 }
 
 /// A pair of limits; `None` in place of a limit, or of the pair, leaves the side open.

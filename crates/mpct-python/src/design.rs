@@ -1,6 +1,6 @@
 //! `mpct.Design`.
 
-use crate::controller::{self, PyAdmissibleSetPoint, PyController};
+use crate::controller::{self, PyController};
 use crate::convert;
 use crate::errors;
 use crate::interrupt;
@@ -67,13 +67,13 @@ impl<'py> Search<'py> {
     pub fn of(
         py: Python<'py>,
         condition: &str,
-        max_horizon: usize,
+        max_horizon: i64,
         time_limit: Option<f64>,
         progress: Option<Bound<'py, PyAny>>,
     ) -> PyResult<Self> {
         Ok(Self {
             condition: names::value(py, condition)?,
-            max_horizon,
+            max_horizon: convert::whole(py, "max_horizon", max_horizon)?,
             time_limit: seconds(py, "time_limit", time_limit)?,
             watcher: watcher(py, progress)?,
         })
@@ -312,8 +312,9 @@ impl PyDesign {
     fn terminal_set_outline<'py>(
         &self,
         py: Python<'py>,
-        coordinates: (usize, usize),
+        coordinates: (i64, i64),
     ) -> PyResult<Bound<'py, PyAny>> {
+        let coordinates = convert::coordinates(py, coordinates)?;
         let polygon = py
             .detach(|| mpct::analysis::terminal_set(&self.inner, coordinates))
             .map_err(|e| errors::design(py, &e))?;
@@ -359,12 +360,12 @@ impl PyDesign {
     /// -------
     /// AdmissibleSetPoint
     #[pyo3(signature = (set_point, input=None))]
-    fn closest_admissible(
+    fn closest_admissible<'py>(
         &self,
-        py: Python<'_>,
-        set_point: &Bound<'_, PyAny>,
-        input: Option<&Bound<'_, PyAny>>,
-    ) -> PyResult<PyAdmissibleSetPoint> {
+        py: Python<'py>,
+        set_point: &Bound<'py, PyAny>,
+        input: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
         let set_point = controller::set_point(set_point, input)?;
         let inner = py
             .detach(|| {
@@ -373,7 +374,7 @@ impl PyDesign {
                     .closest_admissible(self.inner.problem(), &set_point)
             })
             .map_err(|e| errors::design(py, &e))?;
-        Ok(PyAdmissibleSetPoint { inner })
+        controller::closest(py, inner)
     }
 
     fn __repr__(&self) -> String {

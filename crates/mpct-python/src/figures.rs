@@ -35,7 +35,7 @@ pub fn _scaling_advice<'py>(
     problem: PyRef<'_, PyProblem>,
     set_points: Vec<Bound<'py, PyAny>>,
     condition: &str,
-    max_horizon: usize,
+    max_horizon: i64,
     time_limit: Option<f64>,
 ) -> PyResult<Bound<'py, PyAny>> {
     let set_points = set_points
@@ -111,7 +111,8 @@ pub fn _verify<'py>(
 
 /// The text of a case study.
 #[pyfunction]
-pub fn _example(py: Python<'_>, case: &str, count: usize) -> PyResult<String> {
+pub fn _example(py: Python<'_>, case: &str, count: i64) -> PyResult<String> {
+    let count = convert::whole(py, "count", count)?;
     let file: ProblemFile = match case {
         "academic" => cases::academic(),
         "drone" => cases::drone(),

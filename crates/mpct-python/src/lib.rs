@@ -20,7 +20,7 @@ mod _mpct {
     #[pymodule_export]
     use crate::analysis::{PyAlphaBounds, PyDomainOfAttraction, PyStabilityRegion};
     #[pymodule_export]
-    use crate::controller::{_step_seconds, PyAdmissibleSetPoint, PyController, PyStep};
+    use crate::controller::{_step, _step_seconds, PyController, PyStep};
     #[pymodule_export]
     use crate::design::PyDesign;
     #[pymodule_export]

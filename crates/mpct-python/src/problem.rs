@@ -1,6 +1,6 @@
 //! `mpct.Problem`.
 
-use crate::controller::{self, Program, PyAdmissibleSetPoint, PyController};
+use crate::controller::{self, Program, PyController};
 use crate::convert;
 use crate::design::{self, PyDesign};
 use crate::errors;
@@ -80,6 +80,13 @@ impl From<Problem> for PyProblem {
     }
 }
 
+/// M̄, when stated.
+fn extension_of(py: Python<'_>, value: Option<i64>) -> PyResult<Option<usize>> {
+    value
+        .map(|v| convert::whole(py, "horizon_extension", v))
+        .transpose()
+}
+
 /// K, when stated.
 fn gain_of(gain: Option<&Bound<'_, PyAny>>) -> PyResult<Option<Matrix>> {
     gain.map(|k| convert::matrix("gain", k)).transpose()
@@ -107,12 +114,12 @@ impl PyProblem {
         R: Bound<'_, PyAny>,
         O: Bound<'_, PyAny>,
         O_input: Option<Bound<'_, PyAny>>,
-        horizon: usize,
+        horizon: i64,
         scaling: f64,
         task: &str,
         formulation: &str,
         terminal_cost: &str,
-        horizon_extension: Option<usize>,
+        horizon_extension: Option<i64>,
         gamma: Option<f64>,
         alpha: Option<f64>,
         gain: Option<Bound<'_, PyAny>>,
@@ -131,12 +138,12 @@ impl PyProblem {
         }
         let choices = Choices {
             name: name.into(),
-            horizon,
+            horizon: convert::whole(py, "horizon", horizon)?,
             scaling,
             task: names::value(py, task)?,
             formulation: names::value(py, formulation)?,
             terminal_cost: names::value(py, terminal_cost)?,
-            horizon_extension,
+            horizon_extension: extension_of(py, horizon_extension)?,
             gamma,
             alpha,
             gain: gain_of(gain.as_ref())?,
@@ -222,12 +229,12 @@ impl PyProblem {
         R: Option<Bound<'_, PyAny>>,
         O: Option<Bound<'_, PyAny>>,
         O_input: Option<Bound<'_, PyAny>>,
-        horizon: Option<usize>,
+        horizon: Option<i64>,
         scaling: Option<f64>,
         task: Option<&str>,
         formulation: Option<&str>,
         terminal_cost: Option<&str>,
-        horizon_extension: Option<usize>,
+        horizon_extension: Option<i64>,
         gamma: Option<f64>,
         alpha: Option<f64>,
         gain: Option<Bound<'_, PyAny>>,
@@ -260,7 +267,9 @@ impl PyProblem {
             parts::constraints(py, &plant, Some(&state), Some(&input), Some(&mixed))?
         };
         let mut choices = Choices::of(old);
-        choices.horizon = horizon.unwrap_or(choices.horizon);
+        if let Some(horizon) = horizon {
+            choices.horizon = convert::whole(py, "horizon", horizon)?;
+        }
         choices.scaling = scaling.unwrap_or(choices.scaling);
         choices.name = name.unwrap_or(choices.name);
         if let Some(task) = task {
@@ -272,7 +281,8 @@ impl PyProblem {
         if let Some(cost) = terminal_cost {
             choices.terminal_cost = names::value(py, cost)?;
         }
-        choices.horizon_extension = horizon_extension.or(choices.horizon_extension);
+        choices.horizon_extension =
+            extension_of(py, horizon_extension)?.or(choices.horizon_extension);
         choices.gamma = gamma.or(choices.gamma);
         choices.alpha = alpha.or(choices.alpha);
         choices.gain = gain_of(gain.as_ref())?.or(choices.gain);
@@ -308,7 +318,7 @@ impl PyProblem {
         &self,
         py: Python<'_>,
         condition: &str,
-        max_horizon: usize,
+        max_horizon: i64,
         time_limit: Option<f64>,
         progress: Option<Bound<'_, PyAny>>,
     ) -> PyResult<PyDesign> {
@@ -335,7 +345,7 @@ impl PyProblem {
         py: Python<'py>,
         scalings: &Bound<'py, PyAny>,
         condition: &str,
-        max_horizon: usize,
+        max_horizon: i64,
         time_limit: Option<f64>,
         progress: Option<Bound<'py, PyAny>>,
     ) -> PyResult<Vec<Bound<'py, PyAny>>> {
@@ -428,12 +438,12 @@ impl PyProblem {
     /// -------
     /// AdmissibleSetPoint
     #[pyo3(signature = (set_point, input=None))]
-    fn closest_admissible(
+    fn closest_admissible<'py>(
         &self,
-        py: Python<'_>,
-        set_point: &Bound<'_, PyAny>,
-        input: Option<&Bound<'_, PyAny>>,
-    ) -> PyResult<PyAdmissibleSetPoint> {
+        py: Python<'py>,
+        set_point: &Bound<'py, PyAny>,
+        input: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
         let set_point = controller::set_point(set_point, input)?;
         let inner = py
             .detach(|| {
@@ -442,7 +452,7 @@ impl PyProblem {
                     .closest_admissible(&self.inner, &set_point)
             })
             .map_err(|e| errors::design(py, &e))?;
-        Ok(PyAdmissibleSetPoint { inner })
+        controller::closest(py, inner)
     }
 
     /// The plant.

@@ -39,12 +39,12 @@ pub fn setting_from_python(setting: &Bound<'_, PyAny>) -> PyResult<Simulation> {
     } else {
         Some(Disturbance {
             bound: convert::vector("disturbance", &bound)?,
-            seed: setting.getattr("seed")?.extract()?,
+            seed: convert::whole_of("seed", &setting.getattr("seed")?)? as u64,
         })
     };
     Ok(Simulation {
         initial_state: convert::vector("x0", &setting.getattr("x0")?)?,
-        steps: setting.getattr("steps")?.extract()?,
+        steps: convert::whole_of("steps", &setting.getattr("steps")?)?,
         set_points,
         disturbance,
     })

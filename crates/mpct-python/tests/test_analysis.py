@@ -193,3 +193,14 @@ def test_examples_and_reproduction():
         mpct.example("train")
     with pytest.raises(mpct.ArgumentError, match="'short'"):
         mpct.reproduce("brief")
+
+
+def test_pickle_of_sets():
+    problem = section_3_5(alpha=1.0)
+    design = problem.design()
+    region = mpct.StabilityRegion(design.controller(), [0.5, 0], "throughout_region")
+    bounds = mpct.AlphaBounds(design, [0.5, 0])
+    assert repr(pickle.loads(pickle.dumps(region))) == repr(region)
+    assert repr(pickle.loads(pickle.dumps(bounds))) == repr(bounds)
+    membership = mpct.DomainOfAttraction(design.controller()).contains([9, 9])
+    assert pickle.loads(pickle.dumps(membership)).gap == membership.gap

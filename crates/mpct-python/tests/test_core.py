@@ -427,3 +427,27 @@ except mpct.DesignError as error:
         process.kill()
     assert out == "interrupted\n"
     assert time.monotonic() - started < 10
+
+
+def test_pickle_of_what_is_answered(design, controller):
+    step = controller.step([0.5, 0.1], [2, 0.5])
+    again = pickle.loads(pickle.dumps(step))
+    assert repr(again) == repr(step) and again.offset_cost == step.offset_cost and again.violation == step.violation
+    for name in ("u", "artificial_state", "artificial_input", "predicted_states", "predicted_inputs"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(step, name))
+    closest = design.closest_admissible([5, 1])
+    assert repr(pickle.loads(pickle.dumps(closest))) == repr(closest)
+    outline = design.terminal_set_outline()
+    assert pickle.loads(pickle.dumps(outline)).area == outline.area
+
+
+def test_a_failing_watcher_ends_the_design():
+    def watch(done, total, at_least):
+        raise RuntimeError("seen enough")
+
+    with pytest.raises(RuntimeError, match="seen enough"):
+        mpct.example("carts", 60).problem.replace(scaling=0.999999).design("sufficient", 10**7, progress=watch)
+
+
+def test_designs_in_threads():
+    assert threads_agree(lambda: [academic_problem(scaling=s).design().terminal_horizon for s in (0.5, 0.9, 0.99)])

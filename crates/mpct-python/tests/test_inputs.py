@@ -53,6 +53,8 @@ REFUSED = {
     "object": (np.array([0.0, None], dtype=object), TypeError, "dtype object"),
     "complex": (np.array([0.0, 1j]), TypeError, "dtype complex128"),
     "bool": ([True, False], TypeError, "dtype bool"),
+    "bytes": (b"00", TypeError, "dtype"),
+    "dictionary": ({0: 1.0, 1: 2.0}, TypeError, "dtype object"),
     "text": ("0 0", TypeError, "dtype"),
     "dates": (np.array(["2020-01-01", "2020-01-02"], dtype="M8[D]"), TypeError, "dtype datetime64"),
     "matrix": ([[0.0, 0.0]], ValueError, r"expected a vector, found an array of shape \(1, 2\)"),
@@ -173,3 +175,51 @@ def test_design_errors():
         academic_problem().design(condition="quick")
     with pytest.raises(ValueError, match="time_limit"):
         academic_problem().design(time_limit=-1)
+
+
+def test_whole_numbers(problem, controller):
+    for build, what in [
+        (lambda: academic_problem(horizon=-1), "horizon"),
+        (lambda: problem.design(max_horizon=-5), "max_horizon"),
+        (lambda: mpct.simulate(controller, [0, 0], [0, 0], -1), "steps"),
+        (lambda: mpct.simulate(controller, [0, 0], [0, 0], 2.5), "steps"),
+        (lambda: mpct.simulate(controller, [0, 0], [0, 0], 2**70), "steps"),
+        (lambda: mpct.simulate(controller, [0, 0], [0, 0], 5, disturbance=[0, 0], seed=-1), "seed"),
+        (lambda: mpct.DomainOfAttraction(controller).projection((0, -1)), "coordinates"),
+        (lambda: controller.set_limits(iterations=-1), "iterations"),
+    ]:
+        with pytest.raises(mpct.ArgumentError, match=f"{what}: expected a whole number >= 0") as error:
+            build()
+        assert error.value.what == what
+    assert mpct.simulate(controller, [0, 0], [0, 0], np.int64(3)).x.shape == (3, 2)
+
+
+def test_every_error_is_of_the_package(controller):
+    for error in (mpct.DesignError, mpct.StepError, mpct.SimulationError, mpct.FileError, mpct.VerifyError, mpct.ArgumentError):
+        assert issubclass(error, mpct.Error) and issubclass(error, ValueError)
+    assert issubclass(mpct.SimulationError, mpct.StepError)
+    with pytest.raises(mpct.ArgumentTypeError) as error:
+        controller.step(["a", "b"], [0, 0])
+    assert isinstance(error.value, TypeError) and error.value.what == "x" and "dtype" in error.value.found
+    with pytest.raises(mpct.ArgumentError) as error:
+        controller.step([[0, 0]], [0, 0])
+    assert (error.value.expected, error.value.found) == ("a vector", "an array of shape (1, 2)")
+
+
+def test_sparse_matrices_and_numbers_in_lists(controller):
+    scipy = pytest.importorskip("scipy.sparse")
+    np.testing.assert_array_equal(mpct.Plant(scipy.csr_array(A), scipy.coo_matrix(B)).A, A)
+    expected = controller.step(np.array([0.5, 0.0]), np.array([2.0, 0.5])).u
+    for x in ([0.5, 0], (0.5, 0), [np.float32(0.5), 0], [np.float64(0.5), np.int8(0)]):
+        np.testing.assert_allclose(controller.step(x, [2, 0.5]).u, expected, atol=1e-9)
+    for x in ([0.5, None], [0.5, "0"], [0.5, [0]]):
+        with pytest.raises(mpct.Error):
+            controller.step(x, [2, 0.5])
+
+
+def test_arguments_are_not_changed(controller):
+    x, set_point = read_only([0.5, 0.0]), read_only([2.0, 0.5])
+    step = controller.step(x, set_point)
+    step.u[:] = 7
+    assert not np.array_equal(step.u, [7, 7])
+    np.testing.assert_array_equal(x, [0.5, 0.0])

@@ -43,7 +43,6 @@ from ._figures import (
 )
 from ._files import ProblemFile
 from ._mpct import (
-    AdmissibleSetPoint,
     AlphaBounds,
     Controller,
     Design,
@@ -54,7 +53,16 @@ from ._mpct import (
     Step,
     __version__,
 )
-from ._results import Assumption, Attraction, ImplicitTerminalCost, Membership, Polygon, Reach, Verified
+from ._results import (
+    AdmissibleSetPoint,
+    Assumption,
+    Attraction,
+    ImplicitTerminalCost,
+    Membership,
+    Polygon,
+    Reach,
+    Verified,
+)
 from ._run import Run, Simulation, simulate
 from ._sweep import SweepPoint, sweep
 

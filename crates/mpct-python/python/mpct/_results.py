@@ -13,6 +13,34 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
+class AdmissibleSetPoint:
+    """The admissible steady state closest to a set-point. Made by `Design.closest_admissible`.
+
+    Attributes
+    ----------
+    state : ndarray, shape (n,)
+        Its state.
+    input : ndarray, shape (m,)
+        Its input.
+    parameter : ndarray, shape (m,)
+        θ.
+    offset_cost : float
+        Weighted squared distance from the set-point.
+    admissible : bool
+        Whether the set-point itself is admissible.
+    limiting : list of str
+        The constraint rows that are active there.
+    """
+
+    state: NDArray[np.float64]
+    input: NDArray[np.float64]
+    parameter: NDArray[np.float64]
+    offset_cost: float
+    admissible: bool
+    limiting: list[str]
+
+
+@dataclass(frozen=True, eq=False)
 class Assumption:
     """What a check of the assumptions finds. Made by `Problem.check`.
 
@@ -214,6 +242,6 @@ class Verified:
         return self.statement
 
 
-CLASSES = (Assumption, Attraction, ImplicitTerminalCost, Membership, Polygon, Reach, Verified)
+CLASSES = (AdmissibleSetPoint, Assumption, Attraction, ImplicitTerminalCost, Membership, Polygon, Reach, Verified)
 for _class in CLASSES:
     _class.__module__ = "mpct"
