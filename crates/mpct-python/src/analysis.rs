@@ -142,7 +142,7 @@ impl PyDomainOfAttraction {
     /// Returns
     /// -------
     /// Polygon
-    #[pyo3(signature = (coordinates=(0, 1), tolerance=None))]
+    #[pyo3(signature = (coordinates=(0, 1), tolerance=None), text_signature = "($self, coordinates=(0, 1), tolerance=None)")]
     fn projection<'py>(
         &self,
         py: Python<'py>,
@@ -169,7 +169,7 @@ impl PyDomainOfAttraction {
     /// Returns
     /// -------
     /// Polygon
-    #[pyo3(signature = (state, coordinates=(0, 1)))]
+    #[pyo3(signature = (state, coordinates=(0, 1)), text_signature = "($self, state, coordinates=(0, 1))")]
     fn section<'py>(
         &self,
         py: Python<'py>,
@@ -415,7 +415,7 @@ impl PyStabilityRegion {
     /// Returns
     /// -------
     /// Polygon
-    #[pyo3(signature = (coordinates=(0, 1)))]
+    #[pyo3(signature = (coordinates=(0, 1)), text_signature = "($self, coordinates=(0, 1))")]
     fn projection<'py>(
         &self,
         py: Python<'py>,
@@ -435,7 +435,7 @@ impl PyStabilityRegion {
     /// Returns
     /// -------
     /// Polygon
-    #[pyo3(signature = (coordinates=(0, 1)))]
+    #[pyo3(signature = (coordinates=(0, 1)), text_signature = "($self, coordinates=(0, 1))")]
     fn section<'py>(
         &self,
         py: Python<'py>,

@@ -308,7 +308,7 @@ impl PyDesign {
     /// Returns
     /// -------
     /// Polygon
-    #[pyo3(signature = (coordinates=(0, 1)))]
+    #[pyo3(signature = (coordinates=(0, 1)), text_signature = "($self, coordinates=(0, 1))")]
     fn terminal_set_outline<'py>(
         &self,
         py: Python<'py>,

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -115,10 +115,10 @@ def _seed(seed: int, index: int) -> int:
 
 def campaign(
     problem: Problem,
-    runs: Mapping[str, Iterable[Any]] | Iterable[Mapping[str, Any]],
+    runs: Mapping[str, Any] | Iterable[Mapping[str, Any]],
     *,
     simulation: Simulation | None = None,
-    condition: str = "exact",
+    condition: Literal["exact", "sufficient"] = "exact",
     max_horizon: int = 5000,
     time_limit: float | None = None,
     seed: int = 0,
@@ -241,8 +241,7 @@ class _Table:
             row = {"run": task.index, **{name: parameters.get(name) for name in names}, "seed": task.seed}
             self.rows.append({**row, "key": key})
             outcome = known.pop(key, None)
-            again = outcome is None or outcome["error"] == "worker_lost" or (retry and outcome["error"] is not None)
-            if again:
+            if outcome is None or outcome["error"] == "worker_lost" or (retry and outcome["error"] is not None):
                 self.left.append(task)
             else:
                 self._fill(task.index, outcome)

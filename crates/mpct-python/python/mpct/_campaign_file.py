@@ -66,8 +66,8 @@ def write(path: Path, rows: Sequence[Row], parameters: Sequence[str]) -> None:
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(names)
         for row in rows:
-            values = (_flat(row.get(name)) for name in names)
-            writer.writerow(["" if v is None else _TEXT[v] if isinstance(v, bool) else v for v in values])
+            flat = [_flat(row.get(name)) for name in names]
+            writer.writerow(["" if v is None else _TEXT[v] if isinstance(v, bool) else v for v in flat])
         write_atomically(path, text.getvalue().encode())
         return
     pa = _pyarrow()
@@ -75,7 +75,7 @@ def write(path: Path, rows: Sequence[Row], parameters: Sequence[str]) -> None:
     known = {"run": pa.int64(), "seed": pa.uint64(), "key": pa.string(), **{k: kinds[v] for k, v in OUTCOME.items()}}
     columns, fields = [], []
     for name in names:
-        values = [_flat(row.get(name)) for row in rows]
+        values: list[Any] = [_flat(row.get(name)) for row in rows]
         kind = known.get(name)
         if kind is None:
             found = {type(v) for v in values if v is not None}
@@ -110,7 +110,7 @@ def read(path: Path) -> dict[str, Row]:
             limit = csv.field_size_limit(1 << 30)
             try:
                 with path.open(encoding="utf-8", newline="") as file:
-                    rows = [{k: v or None for k, v in row.items() if k} for row in csv.DictReader(file)]
+                    rows: list[dict[str, Any]] = [{k: v or None for k, v in row.items() if k} for row in csv.DictReader(file)]
             finally:
                 csv.field_size_limit(limit)
         else:

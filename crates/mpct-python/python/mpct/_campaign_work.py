@@ -13,7 +13,7 @@ from typing import Any
 
 from ._errors import Error
 from ._mpct import Design, Problem
-from ._run import Simulation
+from ._run import Run, Simulation
 
 OF_SIMULATION = ("x0", "set_points", "steps", "disturbance", "seed")
 """Parameters of a run that are those of its simulation; the others go to `Problem.replace`."""
@@ -81,14 +81,15 @@ def _run(work: Work, task: Task) -> dict[str, Any]:
     setting = {name: getattr(work.simulation, name) for name in OF_SIMULATION}
     setting.update({k: v for k, v in task.parameters.items() if k in OF_SIMULATION})
     setting["seed"] = task.seed
+    run: Run | None
     try:
         run = Simulation(**setting).run(design.controller())
     except Error as error:
         # The design is known, and what was done before the failing step.
         found.update(failure(error))
         run = error.fields.get("run")
-        if run is None or len(run) == 0:
-            return found
+    if run is None or len(run) == 0:
+        return found
     found.update(
         steps_done=len(run),
         cumulative_cost=run.cumulative_cost,
@@ -134,12 +135,12 @@ def prepare_process() -> None:
     os.environ.setdefault("RAYON_NUM_THREADS", "1")
     parent = multiprocessing.parent_process()
 
-    def leave_with_parent() -> None:
-        multiprocessing.connection.wait([parent.sentinel])
+    def leave_with(sentinel: int) -> None:
+        multiprocessing.connection.wait([sentinel])
         os._exit(1)
 
     if parent is not None:
-        threading.Thread(target=leave_with_parent, daemon=True).start()
+        threading.Thread(target=leave_with, args=(parent.sentinel,), daemon=True).start()
 
 
 def ping() -> int:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -108,7 +108,7 @@ def scaling_advice(
     problem: Problem,
     set_points: Iterable[ArrayLike],
     *,
-    condition: str = "exact",
+    condition: Literal["exact", "sufficient"] = "exact",
     max_horizon: int = 5000,
     time_limit: float | None = None,
 ) -> ScalingAdvice:
@@ -256,8 +256,8 @@ class ComparedFigure:
     ratio: float | None = field(init=False)
 
     def __post_init__(self) -> None:
-        known = self.first is not None and self.second is not None and self.first != 0.0
-        object.__setattr__(self, "ratio", self.second / self.first if known else None)
+        ratio = None if not self.first or self.second is None else self.second / self.first
+        object.__setattr__(self, "ratio", ratio)
 
 
 def compare(first: Run, second: Run) -> list[ComparedFigure]:

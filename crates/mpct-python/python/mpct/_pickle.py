@@ -21,5 +21,5 @@ def design(problem: Problem, options: dict[str, Any]) -> Design:
     return problem.design(**options, progress=False)
 
 
-def controller(design: Design, formulation: str) -> Controller:
+def controller(design: Design, formulation: Any) -> Controller:
     return design.controller(formulation)

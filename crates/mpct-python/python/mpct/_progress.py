@@ -52,7 +52,9 @@ def bar(forced: bool) -> Bar | None:
     return Bar("design", "{done}/{total} rows, M̃ ≥ {extra}") if forced or _interactive() else None
 
 
-def watcher(progress: Callable[[int, int, int], object] | bool | None, name: str, text: str) -> object:
+def watcher(
+    progress: Callable[[int, int, int], object] | bool | None, name: str, text: str
+) -> Callable[[int, int, int], object] | None:
     """Who is told of progress: what was handed in, a bar, or nobody."""
     if progress is None or progress is True:
         return Bar(name, text) if progress or _interactive() else None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from ._errors import DesignError, SimulationError
 from ._mpct import Design, Problem
@@ -56,7 +56,7 @@ def sweep(
     scalings: Iterable[float],
     *,
     simulation: Simulation | None = None,
-    condition: str = "exact",
+    condition: Literal["exact", "sufficient"] = "exact",
     max_horizon: int = 5000,
     time_limit: float | None = None,
 ) -> list[SweepPoint]:

@@ -67,7 +67,7 @@ def trajectories(
     time = np.arange(len(run)) * (dt or 1.0)
 
     def draw(ax: Axes, values: Any, artificial: Any, target: Any, limits: Any, label: str, steps: bool) -> None:
-        style = {"drawstyle": "steps-post"} if steps else {}
+        style: dict[str, Any] = {"drawstyle": "steps-post"} if steps else {}
         if target is not None:
             ax.plot(time, target, color="tab:red", linestyle="--", label="set-point", drawstyle="steps-post")
         ax.plot(time, artificial, color="tab:green", linestyle=":", label="artificial", **style)
