@@ -1,9 +1,9 @@
 //! Figures of designs and runs, certificates, case studies: functions that answer with plain data.
 
 use crate::convert;
-use crate::design;
 use crate::errors;
 use crate::problem::PyProblem;
+use crate::search::Search;
 use crate::simulation::run_from_python;
 use mpct::analysis::reproduce::{Extent, reproduce as run_reproduction};
 use mpct::analysis::{self, Performance};
@@ -49,7 +49,7 @@ pub fn _scaling_advice<'py>(
         })
         .collect::<PyResult<Vec<_>>>()?;
     let problem = &problem.inner;
-    let advice = design::Search::of(py, condition, max_horizon, time_limit, None)?
+    let advice = Search::of(py, condition, max_horizon, time_limit, None)?
         .run(py, |options| {
             analysis::scaling_advice(problem, &set_points, options)
         })?

@@ -11,16 +11,19 @@ mod names;
 mod parts;
 mod plant;
 mod problem;
+mod search;
 mod simulation;
+mod stability;
+mod step;
 
 use pyo3::prelude::*;
 
 #[pymodule]
 mod _mpct {
     #[pymodule_export]
-    use crate::analysis::{PyAlphaBounds, PyDomainOfAttraction, PyStabilityRegion};
+    use crate::analysis::PyDomainOfAttraction;
     #[pymodule_export]
-    use crate::controller::{_step, _step_seconds, PyController, PyStep};
+    use crate::controller::{_step_seconds, PyController};
     #[pymodule_export]
     use crate::design::PyDesign;
     #[pymodule_export]
@@ -34,6 +37,10 @@ mod _mpct {
     use crate::problem::PyProblem;
     #[pymodule_export]
     use crate::simulation::_simulate;
+    #[pymodule_export]
+    use crate::stability::{PyAlphaBounds, PyStabilityRegion};
+    #[pymodule_export]
+    use crate::step::{_step, PyStep};
     use pyo3::prelude::*;
 
     #[pymodule_init]

@@ -7,6 +7,7 @@ use crate::errors;
 use crate::names;
 use crate::parts::{self, Choices};
 use crate::plant::PyPlant;
+use crate::search::Search;
 use mpct::{Controller, Matrix, Problem, ProblemFile, Weights};
 use numpy::{PyArray1, PyArray2};
 use pyo3::IntoPyObjectExt;
@@ -322,7 +323,7 @@ impl PyProblem {
         time_limit: Option<f64>,
         progress: Option<Bound<'_, PyAny>>,
     ) -> PyResult<PyDesign> {
-        let search = design::Search::of(py, condition, max_horizon, time_limit, progress)?;
+        let search = Search::of(py, condition, max_horizon, time_limit, progress)?;
         design::design(py, &self.inner, search)
     }
 
@@ -350,7 +351,7 @@ impl PyProblem {
         progress: Option<Bound<'py, PyAny>>,
     ) -> PyResult<Vec<Bound<'py, PyAny>>> {
         let scalings = convert::vector("scalings", scalings)?;
-        let search = design::Search::of(py, condition, max_horizon, time_limit, progress)?;
+        let search = Search::of(py, condition, max_horizon, time_limit, progress)?;
         design::design_all(py, &self.inner, &scalings, search)
     }
 
@@ -393,7 +394,7 @@ impl PyProblem {
         let x = convert::vector("x", x)?;
         let set_point = controller::set_point(set_point, input)?;
         let controller = self.controller.get_or_try_init(py, || {
-            let search = design::Search::of(py, "exact", 5000, None, None)?;
+            let search = Search::of(py, "exact", 5000, None, None)?;
             let design = design::design(py, &self.inner, search)?;
             PyController::of(py, &design, self.inner.formulation())
         })?;

@@ -1,3 +1,5 @@
+import threading
+
 import matplotlib
 import pytest
 
@@ -24,3 +26,13 @@ def design(problem):
 @pytest.fixture
 def controller(design):
     return design.controller()
+
+
+def threads_agree(work):
+    found = []
+    threads = [threading.Thread(target=lambda: found.append(work())) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return len(found) == 4 and all(f == found[0] for f in found)

@@ -1,18 +1,11 @@
 """Problems, designs, controllers and closed loops give what the paper and the Rust library give."""
 
-import copy
-import pickle
-import signal
-import subprocess
-import sys
-import threading
-import time
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import academic_problem
+from conftest import academic_problem, threads_agree
 
 import mpct
 
@@ -51,29 +44,6 @@ def test_ten_lines():
     assert not run.admissible[-1] and run.admissible[:150].all()
     assert run.worst_violation < 1e-8
     np.testing.assert_allclose(run.x[49], [2, 0.5], atol=1e-3)
-
-
-def test_progress_bar(problem, capsys, monkeypatch):
-    from mpct import _progress
-
-    monkeypatch.setattr(_progress, "_DELAY", 0.0)
-    bar = _progress.bar(True)
-    for done in range(3):
-        bar(done, 3, 7)
-        time.sleep(0.11)
-    bar.close()
-    shown = capsys.readouterr().err
-    assert "2/3 rows" in shown and "M̃ ≥ 7" in shown and shown.endswith("\r")
-    assert problem.design(progress=True).terminal_horizon == 5
-    # Nobody looks at a captured stream.
-    problem.design()
-    assert capsys.readouterr().err == ""
-
-
-def test_time_limit():
-    with pytest.raises(mpct.DesignError) as error:
-        mpct.example("carts", 40).problem.design(time_limit=0.0)
-    assert error.value.kind == "interrupted" and error.value.at_least >= 0
 
 
 def test_terminal_horizon_of_the_paper(design):
@@ -216,25 +186,6 @@ def test_problem_files(problem, tmp_path):
         mpct.Problem.from_toml(problem.to_toml().replace("scaling = 0.9", "scaling = 1.9"))
 
 
-def test_pickle(problem, design, controller):
-    plant = mpct.Plant.continuous(
-        [[0, 1], [0, 0.1]], [[0], [1 / 3]], 0.1, operating_point=([1, 0], [-0.0]), state_names=["a", "b"], input_units=["N"]
-    )
-    for thing in (plant, problem):
-        assert pickle.loads(pickle.dumps(thing)) == thing
-        assert copy.deepcopy(thing) == thing
-    again = pickle.loads(pickle.dumps(design))
-    assert again.terminal_horizon == 5
-    np.testing.assert_array_equal(again.gain, design.gain)
-    x, target = [0.5, 0.1], [2, 0.5]
-    controller.reset()
-    np.testing.assert_array_equal(pickle.loads(pickle.dumps(controller)).step(x, target).u, controller.step(x, target).u)
-    with pytest.raises(mpct.StepError) as error:
-        controller.step([0], target)
-    restored = pickle.loads(pickle.dumps(error.value))
-    assert (restored.kind, restored.found, str(restored)) == (error.value.kind, 1, str(error.value))
-
-
 def test_sweep(problem):
     points = mpct.sweep(problem, [0.5, 0.9, 0.99])
     assert [p.scaling for p in points] == [0.5, 0.9, 0.99]
@@ -259,75 +210,6 @@ def test_mixed_rows_and_regulation():
     assert (run.x.sum(axis=1) <= 2.5 + 1e-8).all()
     np.testing.assert_allclose(run.final_state, 0, atol=1e-2)
     assert d.terminal_set()[0].shape[1] == 2
-
-
-def test_threads_share_a_controller(controller):
-    expected = controller.step([0, 0], [2, 0.5]).u
-    wrong = []
-
-    def work():
-        for _ in range(50):
-            if not np.allclose(controller.step([0, 0], [2, 0.5]).u, expected, atol=1e-6):
-                wrong.append(1)
-
-    threads = [threading.Thread(target=work) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert not wrong
-
-
-def test_progress_of_a_long_design():
-    seen = []
-    try:
-        academic_problem(scaling=0.999999).design(condition="sufficient", time_limit=1.0, progress=lambda *p: seen.append(p))
-    except mpct.DesignError:
-        pass
-    assert all(len(p) == 3 for p in seen)
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="signals")
-@pytest.mark.parametrize("work", ["simulate", "other thread"])
-def test_interrupt(work):
-    code = f"""
-import sys, threading
-sys.path.insert(0, {str(Path(__file__).parent)!r})
-from conftest import academic_problem
-import mpct
-controller = academic_problem().design().controller()
-ticks = []
-if {work == "other thread"}:
-    def tick():
-        import time
-        while True:
-            time.sleep(0.01); ticks.append(1)
-    threading.Thread(target=tick, daemon=True).start()
-print("ready", flush=True)
-try:
-    mpct.simulate(controller, [0, 0], [2, 0.5], steps=100_000_000)
-except KeyboardInterrupt:
-    print("interrupted", len(ticks) > 10 or not {work == "other thread"}, flush=True)
-"""
-    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
-    try:
-        assert process.stdout.readline() == "ready\n"
-        time.sleep(1.0)
-        process.send_signal(signal.SIGINT)
-        out, _ = process.communicate(timeout=20)
-    finally:
-        process.kill()
-    assert out == "interrupted True\n"
-
-
-def test_pickle_of_runs_and_files(problem, controller):
-    run = mpct.simulate(controller, [0, 0], [(0, [2, 0.5]), (5, [1, 0], [0, 0])], 10)
-    again = pickle.loads(pickle.dumps(run))
-    for name in ("x", "u", "cost", "admissible", "final_state"):
-        np.testing.assert_array_equal(getattr(again, name), getattr(run, name))
-    assert again.problem == problem and again.status == run.status
-    file = mpct.ProblemFile(problem, mpct.Simulation([0, 0], [(0, [2, 0.5])], 10, [0.1, 0.1], 3))
-    assert pickle.loads(pickle.dumps(file)).to_toml() == file.to_toml()
 
 
 def test_simulation_of_problem_files(problem, tmp_path):
@@ -378,16 +260,6 @@ def test_problem_qp_is_that_of_its_controller(problem, controller):
     assert threads_agree(lambda: problem.replace().qp([0.5, 0], [2, 0.5])[1].tolist())
 
 
-def threads_agree(work):
-    found = []
-    threads = [threading.Thread(target=lambda: found.append(work())) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    return len(found) == 4 and all(f == found[0] for f in found)
-
-
 def test_python_control_models_of_all_kinds():
     control = pytest.importorskip("control")
     A, B = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])
@@ -400,54 +272,3 @@ def test_python_control_models_of_all_kinds():
     assert mpct.Plant(control.ss(A, B, np.eye(2), np.zeros((2, 1)), True)).sampling_time is None
     with pytest.raises(mpct.ArgumentTypeError, match="state-space model"):
         mpct.Plant(control.tf([1], [1, 1], 0.1))
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="signals")
-def test_interrupt_of_a_design():
-    code = """
-import mpct
-problem = mpct.example("carts", 60).problem.replace(scaling=0.999999)
-print("ready", flush=True)
-try:
-    problem.design(condition="sufficient", max_horizon=10**7)
-    print("done")
-except KeyboardInterrupt:
-    print("interrupted", flush=True)
-except mpct.DesignError as error:
-    print(error.kind)
-"""
-    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
-    try:
-        assert process.stdout.readline() == "ready\n"
-        time.sleep(0.5)
-        started = time.monotonic()
-        process.send_signal(signal.SIGINT)
-        out, _ = process.communicate(timeout=60)
-    finally:
-        process.kill()
-    assert out == "interrupted\n"
-    assert time.monotonic() - started < 10
-
-
-def test_pickle_of_what_is_answered(design, controller):
-    step = controller.step([0.5, 0.1], [2, 0.5])
-    again = pickle.loads(pickle.dumps(step))
-    assert repr(again) == repr(step) and again.offset_cost == step.offset_cost and again.violation == step.violation
-    for name in ("u", "artificial_state", "artificial_input", "predicted_states", "predicted_inputs"):
-        np.testing.assert_array_equal(getattr(again, name), getattr(step, name))
-    closest = design.closest_admissible([5, 1])
-    assert repr(pickle.loads(pickle.dumps(closest))) == repr(closest)
-    outline = design.terminal_set_outline()
-    assert pickle.loads(pickle.dumps(outline)).area == outline.area
-
-
-def test_a_failing_watcher_ends_the_design():
-    def watch(done, total, at_least):
-        raise RuntimeError("seen enough")
-
-    with pytest.raises(RuntimeError, match="seen enough"):
-        mpct.example("carts", 60).problem.replace(scaling=0.999999).design("sufficient", 10**7, progress=watch)
-
-
-def test_designs_in_threads():
-    assert threads_agree(lambda: [academic_problem(scaling=s).design().terminal_horizon for s in (0.5, 0.9, 0.99)])
