@@ -4,6 +4,7 @@ mod common;
 
 use common::Folder;
 use serde_json::Value;
+use std::f64::consts::FRAC_PI_4;
 
 fn numbers(v: &Value) -> Vec<f64> {
     let list = v.as_array().expect("a list");
@@ -54,7 +55,7 @@ fn the_drone_flies_through_its_set_points() {
         &["drone"],
         900,
         92,
-        |i| if (6..9).contains(&i) { 0.7854 } else { 3.0 },
+        |i| if (6..9).contains(&i) { FRAC_PI_4 } else { 3.0 },
         |i| if i == 0 { 1.5 } else { 0.043 },
     );
     let last = numbers(&run["summary"]["final_artificial_state"]);
