@@ -4,7 +4,7 @@ use std::env;
 use std::ffi::{OsStr, OsString};
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Command;
+use std::process::{Command, Stdio};
 
 /// The oldest Python that the package supports.
 const OLDEST: (u32, u32) = (3, 10);
@@ -100,6 +100,60 @@ fn target(root: &Path) -> PathBuf {
     env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), |t| root.join(t))
 }
 
+/// What puts pip into a virtual environment without `ensurepip`: pip's wheel can run before it is installed.
+/// Debian and Ubuntu leave `ensurepip` out of their Python; it comes with the package python3-venv.
+const FETCH_PIP: &str = r#"
+import hashlib, os, re, runpy, sys, tempfile, urllib.parse, urllib.request
+index = os.environ.get("PIP_INDEX_URL", "https://pypi.org/simple").rstrip("/") + "/pip/"
+page = urllib.request.urlopen(index, timeout=60).read().decode()
+links = re.findall(r'href="([^"]*/pip-(\d+)\.(\d+)(?:\.(\d+))?-py3-none-any\.whl#sha256=([0-9a-f]{64}))"', page)
+# The last that supports every Python that the package does.
+link, *_, digest = max((l for l in links if int(l[1]) <= 25), key=lambda l: [int(v or 0) for v in l[1:4]])
+data = urllib.request.urlopen(urllib.parse.urljoin(index, link), timeout=60).read()
+if hashlib.sha256(data).hexdigest() != digest:
+    sys.exit("pip: the checksum of its wheel is not that of the index")
+wheel = os.path.join(tempfile.mkdtemp(), urllib.parse.urlsplit(link).path.rsplit("/", 1)[1])
+with open(wheel, "wb") as file:
+    file.write(data)
+sys.path.insert(0, wheel)
+sys.argv = ["pip", "install", "--quiet", "--disable-pip-version-check", "--no-index", wheel]
+runpy.run_module("pip", run_name="__main__")
+"#;
+
+/// Makes the virtual environment, with pip.
+fn create(python: &OsStr, inside: &Path, folder: &Path, root: &Path) -> Result<(), u8> {
+    let venv = |options: &[&str]| {
+        run(
+            Command::new(python)
+                .args(["-m", "venv", "--clear"])
+                .args(options)
+                .arg(folder),
+            root,
+        )
+    };
+    let complete = Command::new(python)
+        .args(["-c", "import ensurepip"])
+        .stderr(Stdio::null())
+        .status()
+        .is_ok_and(|s| s.success());
+    if complete && venv(&[]).is_ok() {
+        return Ok(());
+    }
+    eprintln!("   this Python has no ensurepip: fetching pip");
+    venv(&["--without-pip"])
+        .and_then(|()| {
+            let program = folder.join("fetch-pip.py");
+            fs::write(&program, FETCH_PIP).map_err(|_| 1)?;
+            run(Command::new(inside).arg(program), root)
+        })
+        .inspect_err(|_| {
+            eprintln!(
+                "xtask: no virtual environment with pip can be made. On Debian and Ubuntu: apt install python3-venv; \
+                 or name another Python in MPCT_PYTHON."
+            );
+        })
+}
+
 /// The Python of the virtual environment, which is made when it is missing or has other packages.
 fn environment(root: &Path, requirements: &Path) -> Result<PathBuf, u8> {
     let python = find()?;
@@ -119,12 +173,7 @@ fn environment(root: &Path, requirements: &Path) -> Result<PathBuf, u8> {
     {
         return Ok(inside);
     }
-    run(
-        Command::new(&python)
-            .args(["-m", "venv", "--clear"])
-            .arg(&folder),
-        root,
-    )?;
+    create(&python, &inside, &folder, root)?;
     run(
         Command::new(&inside)
             .args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "-r"])

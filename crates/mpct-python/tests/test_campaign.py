@@ -133,11 +133,38 @@ def test_results_files_are_readable(tmp_path):
         (3, {}, "a dictionary of lists"),
         ({"scaling": [0.5]}, {"processes": 0}, "processes"),
         ({"scaling": [0.5]}, {"start_method": "fork"}, "fork"),
+        ({"scaling": [0.5]}, {"seed": -1}, "seed: expected a whole number >= 0"),
+        ({"seed": ["x"]}, {"simulation": SETTING}, r"runs\[0\]\['seed'\]"),
     ],
 )
 def test_refused(runs, options, message):
     with pytest.raises(mpct.ArgumentError, match=message):
         mpct.campaign(academic_problem(), runs, **options)
+
+
+def test_a_file_that_cannot_be_written_is_told_before_the_work(tmp_path):
+    seen = []
+    with pytest.raises(FileNotFoundError):
+        mpct.campaign(
+            academic_problem(), {"scaling": [0.5]}, processes=1, results=tmp_path / "none" / "r.csv", progress=lambda *p: seen.append(p)
+        )
+    assert not seen
+
+
+def test_a_failing_watcher_ends_the_workers():
+    import multiprocessing
+
+    def watch(done, total, failed):
+        raise RuntimeError("seen enough")
+
+    runs = [{"x0": [0.001 * i, 0]} for i in range(64)]
+    with pytest.raises(RuntimeError, match="seen enough"):
+        mpct.campaign(academic_problem(), runs, simulation=SETTING, processes=2, progress=watch)
+    # The pool's own thread may be the one that is told of their end.
+    patience = time.monotonic() + 10
+    while multiprocessing.active_children() and time.monotonic() < patience:
+        time.sleep(0.01)
+    assert not multiprocessing.active_children()
 
 
 def test_no_runs():

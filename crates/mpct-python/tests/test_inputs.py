@@ -194,6 +194,12 @@ def test_whole_numbers(problem, controller):
     assert mpct.simulate(controller, [0, 0], [0, 0], np.int64(3)).x.shape == (3, 2)
 
 
+def test_no_set_point_is_the_operating_point(controller):
+    expected = mpct.simulate(controller, [1, 0], [0, 0], 5)
+    for none in (None, [], ()):
+        np.testing.assert_array_equal(mpct.simulate(controller, [1, 0], none, 5).x, expected.x)
+
+
 def test_every_error_is_of_the_package(controller):
     for error in (mpct.DesignError, mpct.StepError, mpct.SimulationError, mpct.FileError, mpct.VerifyError, mpct.ArgumentError):
         assert issubclass(error, mpct.Error) and issubclass(error, ValueError)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import inspect
 import itertools
 import json
 import os
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -65,7 +66,7 @@ class Campaign:
         return f"Campaign(runs={len(self)}, failed={len(self.failed)}, parameters={self.parameters}{where})"
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """The runs as a table, one run a row; needs pandas.
+        """The runs as a table, one run a row.
 
         Returns
         -------
@@ -74,7 +75,7 @@ class Campaign:
         try:
             import pandas
         except ImportError as error:
-            raise ImportError("Campaign.to_dataframe needs pandas: pip install 'mpct[pandas]'") from error
+            raise ImportError("Campaign.to_dataframe needs pandas: pip install pandas") from error
         return pandas.DataFrame(self.rows).drop(columns="key", errors="ignore").set_index("run")
 
 
@@ -105,6 +106,12 @@ def _check_names(names: Iterable[str], simulated: bool) -> None:
             raise argument("simulation", f"a Simulation, because runs change {name!r}", "none")
         if name not in known:
             raise argument("runs", f"parameters among {', '.join(known)}", repr(name))
+
+
+def _whole(value: Any, what: str) -> int:
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 0:
+        raise argument(what, "a whole number >= 0", repr(value))
+    return int(value)
 
 
 def _seed(seed: int, index: int) -> int:
@@ -188,16 +195,21 @@ def campaign(
     expanded = _expand(runs)
     names = list(dict.fromkeys(name for run in expanded for name in run))
     _check_names(names, simulation is not None)
-    tasks = [Task(i, run, int(run.get("seed", _seed(seed, i)))) for i, run in enumerate(expanded)]
+    seed = _whole(seed, "seed")
+    seeds = [_whole(run["seed"], f"runs[{i}]['seed']") if "seed" in run else _seed(seed, i) for i, run in enumerate(expanded)]
+    tasks = [Task(i, run, s) for i, (run, s) in enumerate(zip(expanded, seeds, strict=True))]
     work = Work(problem.to_toml(), simulation, options)
     shown = [name for name in names if name != "seed"]
     table = _Table(work, tasks, shown, None if results is None else _campaign_file.path_of(results), retry_failed)
+    # A file that cannot be written is told before the work, not after it.
+    table.save()
     bar = _progress.watcher(progress, "campaign", "{done}/{total} runs, {extra} failed")
     try:
-        for index, outcome in _outcomes(work, table.left, processes, client, start_method):
-            table.take(index, outcome)
-            if bar is not None:
-                bar(table.done, len(tasks), table.failures)
+        with contextlib.closing(_outcomes(work, table.left, processes, client, start_method)) as outcomes:
+            for index, outcome in outcomes:
+                table.take(index, outcome)
+                if bar is not None:
+                    bar(table.done, len(tasks), table.failures)
     finally:
         table.save()
         if bar is not None and hasattr(bar, "close"):
@@ -207,7 +219,7 @@ def campaign(
 
 def _outcomes(
     work: Work, tasks: Sequence[Task], processes: int | None, client: Any, start_method: str
-) -> Iterable[tuple[int, dict[str, Any]]]:
+) -> Generator[tuple[int, dict[str, Any]], None, None]:
     if not tasks:
         return
     if client is not None:

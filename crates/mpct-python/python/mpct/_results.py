@@ -116,7 +116,7 @@ class Polygon:
         return bool(np.all(edges[:, 0] * to[:, 1] - edges[:, 1] * to[:, 0] >= 0.0))
 
     def plot(self, ax: Axes | None = None, **style: Any) -> Axes:
-        """Draws the polygon; needs matplotlib.
+        """Draws the polygon.
 
         Parameters
         ----------

@@ -83,7 +83,7 @@ class Run:
         )
 
     def to_dataframe(self) -> pandas.DataFrame:
-        """The run as a table, one step a row; needs pandas.
+        """The run as a table, one step a row.
 
         Returns
         -------
@@ -93,7 +93,7 @@ class Run:
         try:
             import pandas
         except ImportError as error:
-            raise ImportError("Run.to_dataframe needs pandas: pip install 'mpct[pandas]'") from error
+            raise ImportError("Run.to_dataframe needs pandas: pip install pandas") from error
         columns: dict[str, Any] = {}
         for name in ("x", "u", "artificial_state", "artificial_input", "setpoint"):
             for i, values in enumerate(getattr(self, name).T):
@@ -103,7 +103,7 @@ class Run:
         return pandas.DataFrame(columns, index=pandas.RangeIndex(len(self), name="k"))
 
     def plot(self, **options: Any) -> Figure:
-        """Draws states and inputs with constraints and set-points; needs matplotlib.
+        """Draws states and inputs with constraints and set-points.
 
         Parameters
         ----------
@@ -128,7 +128,7 @@ def from_arrays(arrays: Mapping[str, Any]) -> Run:
 
 def schedule(set_points: Any) -> list[tuple[int, Any, Any]]:
     """Set-points as (from_step, state, input)."""
-    if set_points is None:
+    if set_points is None or (isinstance(set_points, (list, tuple)) and not set_points):
         return []
     if isinstance(set_points, (list, tuple)) and any(isinstance(s, tuple) for s in set_points):
         known = []

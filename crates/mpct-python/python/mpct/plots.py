@@ -1,4 +1,4 @@
-"""Plots with matplotlib: trajectories and sets. Needs ``pip install 'mpct[plot]'``."""
+"""Plots with matplotlib: trajectories and sets."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def _pyplot() -> Any:
     try:
         from matplotlib import pyplot
     except ImportError as error:
-        raise ImportError("plots need matplotlib: pip install 'mpct[plot]'") from error
+        raise ImportError("plots need matplotlib: pip install matplotlib") from error
     return pyplot
 
 
