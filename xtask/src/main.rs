@@ -1,14 +1,18 @@
 //! Development tasks: `cargo xtask test` runs every check of the workspace.
 
+mod python;
+
 use std::env;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 use std::time::{Duration, Instant};
 
 const USAGE: &str = "usage: cargo xtask test [--slow]
+       cargo xtask python
 
-  test         format, lints, documentation, tests and examples; stops at the first failure
-    --slow     also the tests marked as slow";
+  test         format, lints, documentation, tests, examples and the Python package; stops at the first failure
+    --slow     also the tests marked as slow
+  python       the Python package alone, in a virtual environment of its own; needs Python 3.10 or later and PyPI";
 
 /// A step: its name, the arguments of cargo, and what the environment adds.
 struct Step {
@@ -116,12 +120,12 @@ fn test(slow: bool) -> Result<(), u8> {
     all.extend(examples(&root));
     let mut done: Vec<(String, Duration)> = Vec::new();
     let total = Instant::now();
+    let count = all.len() + 1;
     for (i, step) in all.iter().enumerate() {
         eprintln!(
-            "\n== {} ({} of {}): cargo {}",
+            "\n== {} ({} of {count}): cargo {}",
             step.name,
             i + 1,
-            all.len(),
             step.arguments.join(" ")
         );
         let start = Instant::now();
@@ -133,9 +137,16 @@ fn test(slow: bool) -> Result<(), u8> {
             return Err(code);
         }
     }
+    eprintln!("\n== Python package ({count} of {count})");
+    let start = Instant::now();
+    let result = python::test(&root);
+    done.push(("Python package".into(), start.elapsed()));
     summary(&done, total.elapsed());
-    eprintln!("all {} steps passed", done.len());
-    Ok(())
+    match result {
+        Ok(()) => eprintln!("all {count} steps passed"),
+        Err(code) => eprintln!("failed: Python package (exit code {code})"),
+    }
+    result
 }
 
 fn summary(done: &[(String, Duration)], total: Duration) {
@@ -158,6 +169,7 @@ fn main() -> ExitCode {
     let result = match words.as_slice() {
         ["test"] => test(false),
         ["test", "--slow"] => test(true),
+        ["python"] => python::test(&workspace()),
         ["help" | "--help" | "-h"] => {
             println!("{USAGE}");
             Ok(())

@@ -8,6 +8,7 @@ use rand::RngExt;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use serde::Serialize;
+use std::ops::ControlFlow;
 use thiserror::Error;
 
 /// A set-point that holds from a step on.
@@ -65,6 +66,12 @@ pub enum SimulationError {
         step: usize,
         /// Its error.
         error: StepError,
+        /// What was done before.
+        run: Box<Run>,
+    },
+    /// [`simulate_until`] was told to end.
+    #[error("the simulation was interrupted after {} steps", run.steps.len())]
+    Interrupted {
         /// What was done before.
         run: Box<Run>,
     },
@@ -184,6 +191,23 @@ pub fn simulate(
     simulation: &Simulation,
     progress: Option<&dyn Fn(usize)>,
 ) -> Result<Run, SimulationError> {
+    simulate_until(controller, simulation, &|done| {
+        if let Some(progress) = progress {
+            progress(done);
+        }
+        ControlFlow::Continue(())
+    })
+}
+
+/// As [`simulate`], with a `progress` that may end the run.
+///
+/// # Errors
+/// Those of [`simulate`], and [`SimulationError::Interrupted`] with what was done after a `Break` before the last step.
+pub fn simulate_until(
+    controller: &mut Controller,
+    simulation: &Simulation,
+    progress: &dyn Fn(usize) -> ControlFlow<()>,
+) -> Result<Run, SimulationError> {
     let problem = controller.ingredients().problem().clone();
     let plant = problem.plant();
     let (n, m) = (plant.states(), plant.inputs());
@@ -293,8 +317,8 @@ pub fn simulate(
             iterations: step.iterations,
             solve_seconds: seconds,
         });
-        if let Some(progress) = progress {
-            progress(k + 1);
+        if progress(k + 1).is_break() && k + 1 < simulation.steps {
+            return Err(SimulationError::Interrupted { run: Box::new(run) });
         }
     }
     Ok(run)

@@ -1,0 +1,242 @@
+"""Closed loops."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Union
+
+import numpy as np
+
+from . import _mpct
+from ._errors import argument, argument_type
+from ._mpct import Controller, Problem
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.figure import Figure
+    from numpy.typing import ArrayLike, NDArray
+
+    SetPoints = Union[ArrayLike, Sequence[tuple[int, ArrayLike]], Sequence[tuple[int, ArrayLike, ArrayLike]]]
+
+
+@dataclass(eq=False, repr=False)
+class Run:
+    """A closed loop, in physical coordinates. Made by `simulate`.
+
+    Attributes
+    ----------
+    x : ndarray, shape (steps, n)
+        State before the input of the step acts.
+    u : ndarray, shape (steps, m)
+        Input.
+    artificial_state : ndarray, shape (steps, n)
+        Artificial steady state.
+    artificial_input : ndarray, shape (steps, m)
+        Artificial steady input.
+    setpoint : ndarray, shape (steps, n)
+        State of the set-point.
+    cost, offset_cost : ndarray, shape (steps,)
+        Cost of the prediction, and its offset part.
+    admissible : ndarray of bool, shape (steps,)
+        Whether the set-point is admissible.
+    status : list of str
+        "optimal" or "candidate".
+    iterations : ndarray of int, shape (steps,)
+        Iterations of the solver.
+    solve_seconds : ndarray, shape (steps,)
+        Time of each step.
+    final_state : ndarray, shape (n,)
+        State after the last input.
+    cumulative_cost : float
+        Sum of the stage costs and of the offset cost over the run.
+    worst_violation : float
+        Largest violation of a constraint, in the units of its row; 0 when there is none.
+    problem : Problem or None
+        The problem, for plots and names of columns.
+    """
+
+    x: NDArray[np.float64]
+    u: NDArray[np.float64]
+    artificial_state: NDArray[np.float64]
+    artificial_input: NDArray[np.float64]
+    setpoint: NDArray[np.float64]
+    cost: NDArray[np.float64]
+    offset_cost: NDArray[np.float64]
+    admissible: NDArray[np.bool_]
+    status: list[str]
+    iterations: NDArray[np.int64]
+    solve_seconds: NDArray[np.float64]
+    final_state: NDArray[np.float64]
+    cumulative_cost: float
+    worst_violation: float
+    problem: Problem | None = field(default=None)
+
+    def __len__(self) -> int:
+        """Number of steps."""
+        return len(self.x)
+
+    def __repr__(self) -> str:
+        return (
+            f"Run(steps={len(self)}, cumulative_cost={self.cumulative_cost:.6e}, "
+            f"worst_violation={self.worst_violation:.3e}, seconds={float(self.solve_seconds.sum()):.3f})"
+        )
+
+    def to_dataframe(self) -> pandas.DataFrame:
+        """The run as a table, one step a row.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Its columns are those of the command's CSV file: ``x[0]``, …, ``u[0]``, …, ``artificial_state[0]``, ….
+        """
+        try:
+            import pandas
+        except ImportError as error:
+            raise ImportError("Run.to_dataframe needs pandas: pip install pandas") from error
+        columns: dict[str, Any] = {}
+        for name in ("x", "u", "artificial_state", "artificial_input", "setpoint"):
+            for i, values in enumerate(getattr(self, name).T):
+                columns[f"{name}[{i}]"] = values
+        for name in ("cost", "offset_cost", "admissible", "status", "iterations", "solve_seconds"):
+            columns[name] = getattr(self, name)
+        return pandas.DataFrame(columns, index=pandas.RangeIndex(len(self), name="k"))
+
+    def plot(self, **options: Any) -> Figure:
+        """Draws states and inputs with constraints and set-points.
+
+        Parameters
+        ----------
+        **options
+            Those of `mpct.plots.trajectories`.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+        """
+        from .plots import trajectories
+
+        return trajectories(self, **options)
+
+
+Run.__module__ = "mpct"
+
+
+def from_arrays(arrays: Mapping[str, Any]) -> Run:
+    return Run(**arrays)
+
+
+def schedule(set_points: Any) -> list[tuple[int, Any, Any]]:
+    """Set-points as (from_step, state, input)."""
+    if set_points is None or (isinstance(set_points, (list, tuple)) and not set_points):
+        return []
+    if isinstance(set_points, (list, tuple)) and any(isinstance(s, tuple) for s in set_points):
+        known = []
+        for i, item in enumerate(set_points):
+            if not isinstance(item, tuple) or len(item) not in (2, 3):
+                raise argument_type(f"set_points[{i}]", "(from_step, state) or (from_step, state, input)", repr(item))
+            if isinstance(item[0], bool) or not isinstance(item[0], (int, np.integer)) or item[0] < 0:
+                raise argument(f"set_points[{i}]", "a step >= 0", repr(item[0]))
+            known.append((int(item[0]), item[1], item[2] if len(item) == 3 else None))
+        return known
+    return [(0, set_points, None)]
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """What to simulate.
+
+    Attributes
+    ----------
+    x0 : array_like, shape (n,)
+        State at step 0.
+    set_points : array_like, shape (n,), or list of tuple
+        One set-point, or a list of (from_step, state) or (from_step, state, input) by ascending step. An empty list
+        stands for the operating point.
+    steps : int
+        Number of steps.
+    disturbance : array_like, shape (n,), optional
+        Largest disturbance of each state, uniformly distributed.
+    seed : int
+        The same seed gives the same disturbance.
+    """
+
+    x0: ArrayLike
+    set_points: SetPoints
+    steps: int
+    disturbance: ArrayLike | None = None
+    seed: int = 0
+
+    def run(self, controller: Controller) -> Run:
+        """Runs the closed loop with the model as plant.
+
+        Parameters
+        ----------
+        controller : Controller
+            The controller; it is reset first.
+
+        Returns
+        -------
+        Run
+        """
+        return _mpct._simulate(controller, self)
+
+    def _schedule(self) -> list[tuple[int, Any, Any]]:
+        return schedule(self.set_points)
+
+
+Simulation.__module__ = "mpct"
+
+
+def simulate(
+    controller: Controller,
+    x0: ArrayLike,
+    set_points: SetPoints,
+    steps: int,
+    *,
+    disturbance: ArrayLike | None = None,
+    seed: int = 0,
+) -> Run:
+    """Runs a closed loop with the model as plant.
+
+    Parameters
+    ----------
+    controller : Controller
+        The controller; it is reset first.
+    x0 : array_like, shape (n,)
+        State at step 0.
+    set_points : array_like, shape (n,), or list of tuple
+        One set-point, or a list of (from_step, state) or (from_step, state, input) by ascending step.
+    steps : int
+        Number of steps.
+    disturbance : array_like, shape (n,), optional
+        Largest disturbance of each state, uniformly distributed; none unless stated.
+    seed : int, default 0
+        The same seed gives the same disturbance.
+
+    Returns
+    -------
+    Run
+
+    Raises
+    ------
+    SimulationError
+        When the initial state is outside the domain of attraction or a step fails; ``run`` of it is what was done.
+    DesignError
+        When lengths do not fit.
+
+    Notes
+    -----
+    Other Python threads run meanwhile, and Ctrl-C ends the run.
+
+    Examples
+    --------
+    >>> import mpct
+    >>> plant = mpct.Plant([[1, 1], [0, 1]], [[0, 0.5], [1, 0.5]])
+    >>> problem = mpct.Problem(plant, state=(-3, 3), input=(-2, 2), Q=10, R=100, O=1e4)
+    >>> controller = problem.design().controller()
+    >>> run = mpct.simulate(controller, [0, 0], [(0, [2, 0.5]), (50, [-2, -0.5])], steps=100)
+    >>> len(run), run.worst_violation < 1e-8
+    (100, True)
+    """
+    return Simulation(x0, set_points, steps, disturbance, seed).run(controller)

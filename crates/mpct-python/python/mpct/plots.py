@@ -1,0 +1,146 @@
+"""Plots with matplotlib: trajectories and sets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from ._mpct import Design
+    from ._results import Polygon
+    from ._run import Run
+
+__all__ = ["polygon", "terminal_set", "trajectories"]
+
+
+def _pyplot() -> Any:
+    try:
+        from matplotlib import pyplot
+    except ImportError as error:
+        raise ImportError("plots need matplotlib: pip install matplotlib") from error
+    return pyplot
+
+
+def _label(names: Sequence[str], units: Sequence[str], symbol: str, i: int) -> str:
+    name = names[i] if i < len(names) and names[i] else f"${symbol}_{{{i}}}$"
+    unit = f" [{units[i]}]" if i < len(units) and units[i] else ""
+    return name + unit
+
+
+def trajectories(
+    run: Run,
+    *,
+    states: Sequence[int] | None = None,
+    inputs: Sequence[int] | None = None,
+    figure: Figure | None = None,
+) -> Figure:
+    """Draws a closed loop over time, with constraints, set-points and artificial steady states.
+
+    Parameters
+    ----------
+    run : Run
+        The closed loop.
+    states, inputs : sequence of int, optional
+        Which to draw; the first eight of each unless stated.
+    figure : matplotlib.figure.Figure, optional
+        Where to draw; a new figure unless stated.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    states = list(range(run.x.shape[1]))[:8] if states is None else list(states)
+    inputs = list(range(run.u.shape[1]))[:8] if inputs is None else list(inputs)
+    rows = len(states) + len(inputs)
+    if rows == 0 or len(run) == 0:
+        raise ValueError("there is nothing to draw")
+    if figure is None:
+        figure = _pyplot().figure(figsize=(7.0, 1.2 + 1.3 * rows), layout="constrained")
+    axes = figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
+    plant = run.problem.plant if run.problem is not None else None
+    dt = plant.sampling_time if plant is not None else None
+    time = np.arange(len(run)) * (dt or 1.0)
+
+    def draw(ax: Axes, values: Any, artificial: Any, target: Any, limits: Any, label: str, steps: bool) -> None:
+        style: dict[str, Any] = {"drawstyle": "steps-post"} if steps else {}
+        if target is not None:
+            ax.plot(time, target, color="tab:red", linestyle="--", label="set-point", drawstyle="steps-post")
+        ax.plot(time, artificial, color="tab:green", linestyle=":", label="artificial", **style)
+        ax.plot(time, values, color="tab:blue", label="closed loop", **style)
+        for limit in limits:
+            if np.isfinite(limit):
+                ax.axhline(limit, color="0.4", linewidth=0.8)
+        ax.set_ylabel(label)
+        ax.grid(True, alpha=0.3)
+
+    for ax, i in zip(axes, states):
+        limits = [side[i] for side in run.problem.state] if run.problem is not None else []
+        label = _label(plant.state_names, plant.state_units, "x", i) if plant is not None else f"$x_{{{i}}}$"
+        draw(ax, run.x[:, i], run.artificial_state[:, i], run.setpoint[:, i], limits, label, False)
+    for ax, i in zip(axes[len(states) :], inputs):
+        limits = [side[i] for side in run.problem.input] if run.problem is not None else []
+        label = _label(plant.input_names, plant.input_units, "u", i) if plant is not None else f"$u_{{{i}}}$"
+        draw(ax, run.u[:, i], run.artificial_input[:, i], None, limits, label, True)
+    axes[0].legend(loc="best", fontsize="small")
+    axes[-1].set_xlabel("time [s]" if dt else "step")
+    return figure
+
+
+def polygon(outline: Polygon, *, ax: Axes | None = None, **style: Any) -> Axes:
+    """Draws a set in two coordinates.
+
+    Parameters
+    ----------
+    outline : Polygon
+        The set.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; new axes unless stated.
+    **style
+        Of `matplotlib.axes.Axes.fill`.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
+    if ax is None:
+        ax = _pyplot().subplots()[1]
+    ax.fill(outline.vertices[:, 0], outline.vertices[:, 1], **{"alpha": 0.4, **style})
+    i, j = outline.coordinates
+    ax.set_xlabel(ax.get_xlabel() or f"$x_{{{i}}}$")
+    ax.set_ylabel(ax.get_ylabel() or f"$x_{{{j}}}$")
+    ax.grid(True, alpha=0.3)
+    return ax
+
+
+def terminal_set(
+    design: Design, coordinates: tuple[int, int] = (0, 1), *, ax: Axes | None = None, **style: Any
+) -> Axes:
+    """Draws the projection of the terminal set onto two states.
+
+    Parameters
+    ----------
+    design : Design
+        The design.
+    coordinates : tuple of two int, default (0, 1)
+        The states.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; new axes unless stated.
+    **style
+        Of `matplotlib.axes.Axes.fill`.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
+    plant = design.problem.plant
+    outline = design.terminal_set_outline(coordinates)
+    if ax is None:
+        ax = _pyplot().subplots()[1]
+    ax.set_xlabel(_label(plant.state_names, plant.state_units, "x", coordinates[0]))
+    ax.set_ylabel(_label(plant.state_names, plant.state_units, "x", coordinates[1]))
+    return polygon(outline, ax=ax, **style)

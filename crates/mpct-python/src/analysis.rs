@@ -1,0 +1,196 @@
+//! Sets of states: outlines and the domain of attraction.
+
+use crate::controller::PyController;
+use crate::convert;
+use crate::errors;
+use mpct::DesignError;
+use mpct::analysis::{DomainOfAttraction, Membership, Polygon};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+/// A polygon for Python.
+pub fn polygon<'py>(py: Python<'py>, polygon: Polygon) -> PyResult<Bound<'py, PyAny>> {
+    let fields = PyDict::new(py);
+    fields.set_item("coordinates", polygon.coordinates)?;
+    let vertices = polygon.vertices.iter().map(<[f64; 2]>::as_slice);
+    fields.set_item("vertices", convert::rows_to_array2(py, 2, vertices)?)?;
+    fields.set_item("gap", polygon.gap)?;
+    fields.set_item("queries", polygon.queries)?;
+    fields.set_item("area", polygon.area())?;
+    convert::result(py, "Polygon", &fields)
+}
+
+fn membership<'py>(py: Python<'py>, found: Membership) -> PyResult<Bound<'py, PyAny>> {
+    let fields = PyDict::new(py);
+    fields.set_item("inside", found.is_inside())?;
+    match found {
+        Membership::Inside { candidate, slack } => {
+            fields.set_item("candidate", convert::to_array(py, candidate))?;
+            fields.set_item("slack", slack)?;
+        }
+        Membership::Outside { gap, radius, rows } => {
+            fields.set_item("gap", gap)?;
+            fields.set_item("radius", radius)?;
+            let rows: Vec<(String, f64)> =
+                rows.into_iter().map(|(r, y)| (r.to_string(), y)).collect();
+            fields.set_item("rows", rows)?;
+        }
+    }
+    convert::result(py, "Membership", &fields)
+}
+
+/// The set of states for which a controller has an input: its domain of attraction.
+///
+/// For the formulation without terminal constraint it is the set of feasible states; what is attracted is
+/// `StabilityRegion`.
+///
+/// Parameters
+/// ----------
+/// controller : Controller
+///     The controller.
+///
+/// Examples
+/// --------
+/// >>> import mpct
+/// >>> plant = mpct.Plant([[1, 1], [0, 1]], [[0, 0.5], [1, 0.5]])
+/// >>> problem = mpct.Problem(plant, state=(-3, 3), input=(-2, 2), Q=10, R=100, O=1e4)
+/// >>> domain = mpct.DomainOfAttraction(problem.design().controller())
+/// >>> domain.contains([-3, 3]).inside, domain.contains([3, 3]).inside
+/// (True, False)
+/// >>> round(domain.reach([1, 0]).distance, 6)
+/// 3.0
+#[pyclass(frozen, name = "DomainOfAttraction", module = "mpct")]
+pub struct PyDomainOfAttraction {
+    inner: DomainOfAttraction,
+    controller: Py<PyController>,
+}
+
+#[pymethods]
+impl PyDomainOfAttraction {
+    #[new]
+    fn new(py: Python<'_>, controller: Py<PyController>) -> Self {
+        let known = controller.get();
+        let inner = py.detach(|| DomainOfAttraction::of(&known.lock()));
+        Self { inner, controller }
+    }
+
+    /// Whether a state is in the domain, with a proof either way.
+    ///
+    /// Parameters
+    /// ----------
+    /// state : array_like, shape (n,)
+    ///     The state.
+    ///
+    /// Returns
+    /// -------
+    /// Membership
+    fn contains<'py>(
+        &self,
+        py: Python<'py>,
+        state: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let state = convert::vector("state", state)?;
+        membership(py, work(py, || self.inner.contains(&state))?)
+    }
+
+    /// How far the domain reaches in a direction.
+    ///
+    /// Parameters
+    /// ----------
+    /// direction : array_like, shape (n,)
+    ///     The direction.
+    /// state : array_like, shape (n,), optional
+    ///     Where the ray begins; the operating point unless stated.
+    ///
+    /// Returns
+    /// -------
+    /// Reach
+    #[pyo3(signature = (direction, state=None))]
+    fn reach<'py>(
+        &self,
+        py: Python<'py>,
+        direction: &Bound<'py, PyAny>,
+        state: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let direction = convert::vector("direction", direction)?;
+        let state = state.map(|x| convert::vector("state", x)).transpose()?;
+        let reach = work(py, || match &state {
+            Some(state) => self.inner.reach_from(state, &direction),
+            None => self.inner.reach(&direction),
+        })?;
+        let fields = PyDict::new(py);
+        fields.set_item("distance", reach.distance)?;
+        fields.set_item("at_most", reach.at_most)?;
+        fields.set_item("state", convert::to_array(py, reach.state))?;
+        convert::result(py, "Reach", &fields)
+    }
+
+    /// The projection on two states: the pairs for which some values of the other states are in the domain.
+    ///
+    /// Parameters
+    /// ----------
+    /// coordinates : tuple of two int, default (0, 1)
+    ///     The states.
+    /// tolerance : float, optional
+    ///     How far the set may reach beyond an edge, as a share of its half-widths; 1e-6 unless stated.
+    ///
+    /// Returns
+    /// -------
+    /// Polygon
+    #[pyo3(signature = (coordinates=(0, 1), tolerance=None), text_signature = "($self, coordinates=(0, 1), tolerance=None)")]
+    fn projection<'py>(
+        &self,
+        py: Python<'py>,
+        coordinates: (i64, i64),
+        tolerance: Option<f64>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let coordinates = convert::coordinates(py, coordinates)?;
+        let tolerance = tolerance.unwrap_or(mpct::analysis::OUTLINE);
+        polygon(
+            py,
+            work(py, || self.inner.projection_within(coordinates, tolerance))?,
+        )
+    }
+
+    /// The section through a state: the pairs that are in the domain while the other states stay as they are.
+    ///
+    /// Parameters
+    /// ----------
+    /// state : array_like, shape (n,)
+    ///     The state.
+    /// coordinates : tuple of two int, default (0, 1)
+    ///     The states that vary.
+    ///
+    /// Returns
+    /// -------
+    /// Polygon
+    #[pyo3(signature = (state, coordinates=(0, 1)), text_signature = "($self, state, coordinates=(0, 1))")]
+    fn section<'py>(
+        &self,
+        py: Python<'py>,
+        state: &Bound<'py, PyAny>,
+        coordinates: (i64, i64),
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let coordinates = convert::coordinates(py, coordinates)?;
+        let state = convert::vector("state", state)?;
+        polygon(py, work(py, || self.inner.section(&state, coordinates))?)
+    }
+
+    fn __repr__(&self) -> &'static str {
+        "DomainOfAttraction()"
+    }
+
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> (Bound<'py, PyAny>, (Py<PyController>,)) {
+        let py = slf.py();
+        let controller = slf.get().controller.clone_ref(py);
+        (slf.get_type().into_any(), (controller,))
+    }
+}
+
+/// Work on a design without the GIL.
+pub fn work<T: Send>(
+    py: Python<'_>,
+    of: impl FnOnce() -> Result<T, DesignError> + Send,
+) -> PyResult<T> {
+    py.detach(of).map_err(|e| errors::design(py, &e))
+}

@@ -1,0 +1,95 @@
+"""Python answers what the command answers, to the last digit."""
+
+import csv
+import json
+import os
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mpct
+
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
+COMMAND = os.environ.get("MPCT_COMMAND")
+pytestmark = pytest.mark.skipif(COMMAND is None, reason="MPCT_COMMAND names no command; `cargo xtask test` sets it")
+
+
+def command(*arguments):
+    done = subprocess.run([COMMAND, *map(str, arguments)], capture_output=True, text=True, check=True)
+    return done.stdout
+
+
+@pytest.mark.parametrize("case", ["academic", "drone"])
+def test_simulate_json(case):
+    told = json.loads(command("simulate", EXAMPLES / f"{case}.toml", "--json"))
+    file = mpct.ProblemFile.read(EXAMPLES / f"{case}.toml")
+    design = file.problem.design()
+    run = file.simulation.run(design.controller())
+    assert design.terminal_horizon == told["terminal_horizon"]
+    assert len(run) == len(told["steps"])
+    for name in ("x", "u", "artificial_state", "artificial_input", "setpoint", "cost", "offset_cost", "admissible", "status"):
+        assert [step[name] for step in told["steps"]] == np.asarray(getattr(run, name)).tolist(), name
+    assert told["summary"]["cumulative_cost"] == run.cumulative_cost
+    assert told["summary"]["final_state"] == run.final_state.tolist()
+    assert told["summary"]["worst_violation"] == run.worst_violation
+
+
+def test_simulate_csv(tmp_path):
+    path = tmp_path / "academic.csv"
+    command("simulate", EXAMPLES / "academic.toml", "--csv", path, "--report", tmp_path / "report.html")
+    with path.open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    file = mpct.ProblemFile.read(EXAMPLES / "academic.toml")
+    frame = file.simulation.run(file.problem.design().controller()).to_dataframe().reset_index()
+    assert list(frame.columns) == list(rows[0])
+    for name in frame.columns.drop(["solve_seconds", "admissible", "status"]):
+        assert [float(row[name]) for row in rows] == frame[name].tolist(), name
+    assert [row["status"] for row in rows] == frame["status"].tolist()
+    assert [row["admissible"] == "true" for row in rows] == frame["admissible"].tolist()
+
+
+def test_design_and_certificate(tmp_path):
+    path = tmp_path / "certificate.json"
+    told = json.loads(command("design", EXAMPLES / "academic.toml", "--json", "--explicit-set", "--certificate", path))
+    design = mpct.Problem.read(EXAMPLES / "academic.toml").design()
+    assert told["terminal_horizon"] == design.terminal_horizon
+    assert told["spectral_radius"] == design.spectral_radius
+    assert told["gain"] == design.gain.tolist()
+    assert told["terminal_weight"] == design.terminal_weight.tolist()
+    assert told["terminal_rows"] == len(design.terminal_set()[1])
+    assert path.read_text(encoding="utf-8") == design.certificate()
+    verified = json.loads(command("verify", path, "--json"))
+    assert verified["smallest_margin"] == mpct.verify(path).smallest_margin
+
+
+def test_sweep_and_scaling():
+    told = json.loads(command("sweep", EXAMPLES / "academic.toml", "--scaling", "0.99,0.9,0.5", "--json"))
+    file = mpct.ProblemFile.read(EXAMPLES / "academic.toml")
+    points = mpct.sweep(file.problem, [0.99, 0.9, 0.5], simulation=file.simulation)
+    assert [(t["scaling"], t["terminal_horizon"], t["cumulative_cost"]) for t in told] == [
+        (p.scaling, p.terminal_horizon, p.cumulative_cost) for p in points
+    ]
+    told = json.loads(command("scaling", EXAMPLES / "academic.toml", "--json"))
+    advice = mpct.scaling_advice(file.problem, [s[1] for s in file.simulation.set_points])
+    assert told["advised_scaling"] == advice.advised_scaling
+    assert told["advised_terminal_horizon"] == advice.advised_terminal_horizon
+
+
+def test_examples_are_those_of_the_command(tmp_path):
+    for case in ("academic", "drone"):
+        path = tmp_path / f"{case}.toml"
+        path.write_text(command("example", case), encoding="utf-8")
+        assert mpct.ProblemFile.read(path).problem == mpct.example(case).problem
+
+
+def test_messages_are_those_of_the_command(tmp_path):
+    path = tmp_path / "wrong.toml"
+    text = (EXAMPLES / "academic.toml").read_text(encoding="utf-8")
+    path.write_text(text.replace("state_upper", "state_uper"), encoding="utf-8")
+    done = subprocess.run([COMMAND, "check", path], capture_output=True, text=True)
+    with pytest.raises(mpct.FileError) as error:
+        mpct.ProblemFile.read(path)
+    assert error.value.line > 1 and error.value.suggestion.endswith("state_upper")
+    assert str(error.value) in done.stderr.replace("\n", " ")

@@ -1,0 +1,38 @@
+"""The tutorial runs from top to bottom and shows what it says."""
+
+from pathlib import Path
+
+import pytest
+
+nbformat = pytest.importorskip("nbformat")
+nbclient = pytest.importorskip("nbclient")
+
+PATH = Path(__file__).resolve().parents[3] / "examples" / "tutorial.ipynb"
+
+
+def texts(cell):
+    for output in cell.outputs:
+        yield output.get("text", "")
+        yield output.get("data", {}).get("text/plain", "")
+
+
+def test_tutorial(monkeypatch):
+    # The pictures are part of what is checked.
+    monkeypatch.delenv("MPLBACKEND", raising=False)
+    notebook = nbformat.read(PATH, as_version=4)
+    assert all(not cell.get("outputs") for cell in notebook.cells), "the notebook is stored without outputs"
+    nbclient.NotebookClient(notebook, timeout=120, kernel_name="python3").execute()
+    code = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    shown = {cell.source: "\n".join(texts(cell)) for cell in code}
+    pictures = sum("image/png" in output.get("data", {}) for cell in code for output in cell.outputs)
+    assert pictures == 3
+
+    def output_of(part):
+        return next(text for source, text in shown.items() if part in source)
+
+    assert "Design(M̃=" in output_of("problem.design()\ndesign")
+    # 0.97 m is beyond 90 % of the rail; the cart goes to 0.9 m.
+    assert "False" in output_of("run.admissible.any()") and "0.9" in output_of("run.admissible.any()")
+    assert "state_upper[0]" in output_of("closest = ")
+    assert "equilibrium: False" in output_of("scaling_advice")
+    assert "True" in output_of("reached.admissible.all()") and "0.97" in output_of("reached.admissible.all()")

@@ -1,0 +1,50 @@
+"""Objects pickle."""
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+
+import mpct
+
+
+def test_pickle(problem, design, controller):
+    plant = mpct.Plant.continuous(
+        [[0, 1], [0, 0.1]], [[0], [1 / 3]], 0.1, operating_point=([1, 0], [-0.0]), state_names=["a", "b"], input_units=["N"]
+    )
+    for thing in (plant, problem):
+        assert pickle.loads(pickle.dumps(thing)) == thing
+        assert copy.deepcopy(thing) == thing
+    again = pickle.loads(pickle.dumps(design))
+    assert again.terminal_horizon == 5
+    np.testing.assert_array_equal(again.gain, design.gain)
+    x, target = [0.5, 0.1], [2, 0.5]
+    controller.reset()
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(controller)).step(x, target).u, controller.step(x, target).u)
+    with pytest.raises(mpct.StepError) as error:
+        controller.step([0], target)
+    restored = pickle.loads(pickle.dumps(error.value))
+    assert (restored.kind, restored.found, str(restored)) == (error.value.kind, 1, str(error.value))
+
+
+def test_pickle_of_runs_and_files(problem, controller):
+    run = mpct.simulate(controller, [0, 0], [(0, [2, 0.5]), (5, [1, 0], [0, 0])], 10)
+    again = pickle.loads(pickle.dumps(run))
+    for name in ("x", "u", "cost", "admissible", "final_state"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(run, name))
+    assert again.problem == problem and again.status == run.status
+    file = mpct.ProblemFile(problem, mpct.Simulation([0, 0], [(0, [2, 0.5])], 10, [0.1, 0.1], 3))
+    assert pickle.loads(pickle.dumps(file)).to_toml() == file.to_toml()
+
+
+def test_pickle_of_what_is_answered(design, controller):
+    step = controller.step([0.5, 0.1], [2, 0.5])
+    again = pickle.loads(pickle.dumps(step))
+    assert repr(again) == repr(step) and again.offset_cost == step.offset_cost and again.violation == step.violation
+    for name in ("u", "artificial_state", "artificial_input", "predicted_states", "predicted_inputs"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(step, name))
+    closest = design.closest_admissible([5, 1])
+    assert repr(pickle.loads(pickle.dumps(closest))) == repr(closest)
+    outline = design.terminal_set_outline()
+    assert pickle.loads(pickle.dumps(outline)).area == outline.area

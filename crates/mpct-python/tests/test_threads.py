@@ -1,0 +1,135 @@
+"""Long work: threads, Ctrl-C, progress, limits."""
+
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import academic_problem, threads_agree
+
+import mpct
+
+
+def test_progress_bar(problem, capsys, monkeypatch):
+    from mpct import _progress
+
+    monkeypatch.setattr(_progress, "_DELAY", 0.0)
+    bar = _progress.bar(True)
+    for done in range(3):
+        bar(done, 3, 7)
+        time.sleep(0.11)
+    bar.close()
+    shown = capsys.readouterr().err
+    assert "2/3 rows" in shown and "M̃ ≥ 7" in shown and shown.endswith("\r")
+    assert problem.design(progress=True).terminal_horizon == 5
+    # Nobody looks at a captured stream.
+    problem.design()
+    assert capsys.readouterr().err == ""
+
+
+def test_time_limit():
+    with pytest.raises(mpct.DesignError) as error:
+        mpct.example("carts", 40).problem.design(time_limit=0.0)
+    assert error.value.kind == "interrupted" and error.value.at_least >= 0
+
+
+def test_threads_share_a_controller(controller):
+    expected = controller.step([0, 0], [2, 0.5]).u
+    wrong = []
+
+    def work():
+        for _ in range(50):
+            if not np.allclose(controller.step([0, 0], [2, 0.5]).u, expected, atol=1e-6):
+                wrong.append(1)
+
+    threads = [threading.Thread(target=work) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not wrong
+
+
+def test_progress_of_a_long_design():
+    seen = []
+    try:
+        academic_problem(scaling=0.999999).design(condition="sufficient", time_limit=1.0, progress=lambda *p: seen.append(p))
+    except mpct.DesignError:
+        pass
+    assert all(len(p) == 3 for p in seen)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+@pytest.mark.parametrize("work", ["simulate", "other thread"])
+def test_interrupt(work):
+    code = f"""
+import sys, threading
+sys.path.insert(0, {str(Path(__file__).parent)!r})
+from conftest import academic_problem
+import mpct
+controller = academic_problem().design().controller()
+ticks = []
+if {work == "other thread"}:
+    def tick():
+        import time
+        while True:
+            time.sleep(0.01); ticks.append(1)
+    threading.Thread(target=tick, daemon=True).start()
+print("ready", flush=True)
+try:
+    mpct.simulate(controller, [0, 0], [2, 0.5], steps=100_000_000)
+except KeyboardInterrupt:
+    print("interrupted", len(ticks) > 10 or not {work == "other thread"}, flush=True)
+"""
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout.readline() == "ready\n"
+        time.sleep(1.0)
+        process.send_signal(signal.SIGINT)
+        out, _ = process.communicate(timeout=20)
+    finally:
+        process.kill()
+    assert out == "interrupted True\n"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+def test_interrupt_of_a_design():
+    code = """
+import mpct
+problem = mpct.example("carts", 60).problem.replace(scaling=0.999999)
+print("ready", flush=True)
+try:
+    problem.design(condition="sufficient", max_horizon=10**7)
+    print("done")
+except KeyboardInterrupt:
+    print("interrupted", flush=True)
+except mpct.DesignError as error:
+    print(error.kind)
+"""
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout.readline() == "ready\n"
+        time.sleep(0.5)
+        started = time.monotonic()
+        process.send_signal(signal.SIGINT)
+        out, _ = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert out == "interrupted\n"
+    assert time.monotonic() - started < 10
+
+
+def test_a_failing_watcher_ends_the_design():
+    def watch(done, total, at_least):
+        raise RuntimeError("seen enough")
+
+    with pytest.raises(RuntimeError, match="seen enough"):
+        mpct.example("carts", 60).problem.replace(scaling=0.999999).design("sufficient", 10**7, progress=watch)
+
+
+def test_designs_in_threads():
+    assert threads_agree(lambda: [academic_problem(scaling=s).design().terminal_horizon for s in (0.5, 0.9, 0.99)])
