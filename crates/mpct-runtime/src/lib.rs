@@ -48,6 +48,7 @@
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
 mod active_set;
+pub mod banded;
 mod budget;
 mod candidate;
 mod dense;

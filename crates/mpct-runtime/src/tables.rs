@@ -118,6 +118,18 @@ pub enum TableError {
         /// Which row.
         row: usize,
     },
+    /// A window leaves its matrix, or does not stand where the format wants it.
+    Window {
+        /// Which row.
+        row: usize,
+    },
+    /// An order names what does not exist, or not everything.
+    Order {
+        /// Which order.
+        what: &'static str,
+        /// Position in it.
+        index: usize,
+    },
     /// A shift map names a row that does not exist.
     Shift {
         /// Position in the map.
@@ -144,6 +156,8 @@ impl core::fmt::Display for TableError {
                 )
             }
             Self::Damaged { row } => write!(f, "the tables of row {row} contradict each other"),
+            Self::Window { row } => write!(f, "the window of row {row} does not fit its matrix"),
+            Self::Order { what, index } => write!(f, "{what} is wrong at entry {index}"),
             Self::Shift { row, found } => write!(
                 f,
                 "the shift map sends row {row} to {found}, which does not exist"

@@ -1,18 +1,20 @@
 //! The controller behind one door: `step(x, set_point) -> u`.
 
-use super::online::{Limits, OnlineSolver, Program};
-use super::prediction::{RowOrigin, condense};
+use super::online::Limits;
+use super::prediction::RowOrigin;
+use super::regime::Regime;
 use super::set_point::{Equilibria, SetPoint, weighted_square};
 use super::terminal_cost::ExtraCost;
 use crate::analysis::ProgramRow;
 use crate::error::{DesignError, StepError};
-use crate::linalg::Dense;
+use crate::linalg::{self, Dense};
 use crate::matrix::Matrix;
 use crate::optimization::{Failure, PreparedQp, add_product};
 use crate::problem::{Formulation, Task};
 use crate::terminal::TerminalIngredients;
 use serde::{Deserialize, Serialize};
 use std::fmt;
+use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
 /// How the input of a step was found.
@@ -102,11 +104,11 @@ pub struct CondensedQp {
 pub struct Controller {
     ingredients: TerminalIngredients,
     formulation: Formulation,
-    solver: OnlineSolver,
+    solver: Regime,
     /// Where each row of the program comes from.
     origin: Vec<RowOrigin>,
     /// The Hessian of the cost in the state.
-    state_hessian: Dense,
+    state_hessian: OnceLock<Dense>,
     /// What the cost has besides (10).
     extra: Option<ExtraCost>,
     limits: Limits,
@@ -147,26 +149,18 @@ impl Controller {
         formulation: Formulation,
     ) -> Result<Self, DesignError> {
         let problem = ingredients.problem();
-        let (inputs, stages) = (problem.plant().inputs(), problem.prediction_horizon());
-        let condensed = condense(&ingredients, formulation)?;
-        let program = Program {
-            hessian: condensed.hessian,
-            from_state: condensed.from_state,
-            from_set_point: condensed.from_set_point,
-            rows: condensed.rows,
-            state_rows: condensed.state_rows,
-        };
+        let online = Regime::new(&ingredients, formulation)?;
         let equilibria = match problem.task() {
             Task::Tracking => Some(Equilibria::new(problem, ingredients.steady_states())?),
             Task::Regulation => None,
         };
         Ok(Self {
-            solver: OnlineSolver::new(program, inputs, stages)?,
+            solver: online.solver,
             ingredients,
             formulation,
-            origin: condensed.origin,
-            state_hessian: condensed.state_hessian,
-            extra: condensed.extra,
+            origin: online.origin,
+            state_hessian: online.state_hessian,
+            extra: online.extra,
             limits: Limits::default(),
             equilibria,
             known: None,
@@ -191,12 +185,12 @@ impl Controller {
 
     /// Variables of the quadratic program.
     pub fn variables(&self) -> usize {
-        self.solver.program().hessian.nrows()
+        self.solver.variables()
     }
 
     /// Rows of the quadratic program.
     pub fn rows(&self) -> usize {
-        self.solver.program().rows.nrows()
+        self.solver.rows()
     }
 
     /// Forgets the last step; the next one has no candidate to fall back on.
@@ -274,7 +268,9 @@ impl Controller {
             &p.hessian,
             &p.from_state,
             &p.from_set_point,
-            &self.state_hessian,
+            self.state_hessian.get_or_init(|| {
+                linalg::dense(&self.ingredients.sparse_law().weight) * faer::Scale(2.0)
+            }),
         )
     }
 

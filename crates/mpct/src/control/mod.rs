@@ -1,8 +1,14 @@
 //! The controller: one quadratic program a step.
 
 mod controller;
+mod local_offset;
+mod local_order;
+mod local_program;
+mod local_solver;
+mod local_tables;
 mod online;
 mod prediction;
+mod regime;
 mod set_point;
 mod terminal_cost;
 
@@ -15,3 +21,5 @@ pub(crate) use terminal_cost::no_terminal_constraint;
 
 #[cfg(test)]
 mod prediction_tests;
+#[cfg(test)]
+mod regime_tests;

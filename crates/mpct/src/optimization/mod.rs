@@ -4,6 +4,7 @@
 mod body;
 mod qp;
 pub(crate) mod verify;
+pub(crate) mod verify_pairs;
 
 pub(crate) use body::{Ball, Body, BodyFailure, add_product, dot, norm};
 pub(crate) use qp::{Failure, PreparedQp};

@@ -27,6 +27,16 @@ impl Pair {
     }
 }
 
+/// The rows along the terminal law, for the program of the controller.
+pub(crate) struct LawRows {
+    /// For each pair the row that bounds it from above by 1, and the row that bounds it from below, with that bound.
+    pub(crate) pairs: Vec<(usize, Option<(usize, f64)>)>,
+    /// C M_θx + D M_θu, pairs × m; no columns for regulation.
+    pub(crate) equilibrium: SparseMatrix,
+    /// (C + D K)(A + B K)^s, pairs × n, for s = 0, 1, …
+    pub(crate) powers: Vec<SparseMatrix>,
+}
+
 /// The rows of the augmented system, step by step.
 ///
 /// Where subsystems are coupled weakly, rows are local: their entries decay with the distance. Entries that the box
@@ -189,6 +199,27 @@ impl Augmented {
             .row(pair)
             .map(|(j, v)| (j, v / self.scaling))
             .collect()
+    }
+
+    /// What the program of a controller needs of this; m is the number of inputs.
+    pub(super) fn into_law_rows(self, m: usize) -> LawRows {
+        let n = self.states;
+        let parameters = if self.parameters > 0 { m } else { 0 };
+        let equilibrium = SparseMatrix::from_row_lists(
+            self.pairs.len(),
+            parameters,
+            (0..self.pairs.len()).map(|i| {
+                self.equilibrium
+                    .row(i)
+                    .map(|(j, v)| ((j - n) as u32, v))
+                    .collect()
+            }),
+        );
+        LawRows {
+            pairs: self.pairs.iter().map(|p| (p.upper, p.lower)).collect(),
+            equilibrium,
+            powers: self.powers,
+        }
     }
 
     /// C M_θx + D M_θu of the pairs, in columns of z.

@@ -13,6 +13,7 @@ mod support;
 mod tests;
 
 pub use explicit_set::MaximalAdmissibleSet;
+pub(crate) use augmented::LawRows;
 pub(crate) use proofs::Proofs;
 pub(crate) use support::RowId;
 
@@ -336,6 +337,22 @@ impl TerminalIngredients {
     /// K, P and A + B K, dense.
     pub(crate) fn law(&self) -> &TerminalLaw {
         self.dense_law.get_or_init(|| self.law.to_dense())
+    }
+
+    /// K, P and A + B K as they were computed.
+    pub(crate) fn sparse_law(&self) -> &Law {
+        &self.law
+    }
+
+    /// The rows along the terminal law up to a step, opposite ones in pairs.
+    ///
+    /// # Errors
+    /// As the design: [`DesignError::Unbounded`], [`DesignError::Solver`].
+    pub(crate) fn law_rows(&self, last: usize) -> Result<LawRows, DesignError> {
+        let mut system = self.augmented();
+        within_a_box(&mut system, Room::AsIs, &Clock::unlimited())?;
+        system.extend_to(last);
+        Ok(system.into_law_rows(self.problem.plant().inputs()))
     }
 
     /// First spent step of constraint row i.

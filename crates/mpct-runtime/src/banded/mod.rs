@@ -1,0 +1,40 @@
+//! The regime for hundreds of inputs: nothing dense, and work where something happens.
+//!
+//! Plants with hundreds of inputs are made of subsystems, and what happens in one hardly reaches the far ones. With variables in the
+//! order of the subsystems, H, G, V and the factors of H + ρ GᵀG are banded ([`Windows`]); a row that comes or goes changes the solution near
+//! itself. The method ([`solve`](self)) is therefore a sequence of local changes, whose cost does not depend on the number of subsystems.
+//!
+//! # Memory, in numbers of the chosen type
+//!
+//! `g`, `v`, `h` are the mean windows of rows of G, V and the upper triangle of H, `b` the mean band of the factors.
+//!
+//! | | numbers | access |
+//! |---|---|---|
+//! | tables | `pairs (g + v + 3) + nz (h + …)`, with F_x, F_r, K, C, E | read only, may lie in flash |
+//! | workspace | `nz (b + 9) + nz/16 + n + nr + m + 4 pairs + 4 groups`, and `2 nz + 1 + 3 pairs + 5 groups` indices of 4 bytes | read and write |
+//!
+//! # Work, in multiply-adds, with `k` active rows
+//!
+//! | part of a step | at most | how often |
+//! |---|---|---|
+//! | linear term | entries of F_x (and F_r after a new set-point) | once |
+//! | residuals | `2 h nz + k (2 g + v)` | three times in a quiet step, plus once per batch of leaving rows |
+//! | solution on all active rows | `2 b nz + 2 k g` | as often |
+//! | a row that comes or goes | `5 b · reach`, `reach` the columns at which its influence has faded; at most nz | per iteration |
+//! | measuring a group | `(g + v) ·` pairs in it | groups that the change can have moved beyond a bound |
+//! | factors from nothing | `nz b²/2 + k g²/2` | at the start, after 2 000 changes, and when a twelfth of nz leaves at once |
+//! | checking the candidate | `pairs (3 g + 2 v) + 6 h nz` | only when cut short |
+//!
+//! Only `+ − × ÷` and comparisons are used, in an order that the source fixes: host and target give the same bits.
+
+mod factor;
+mod pricing;
+mod solve;
+mod step;
+mod tables;
+mod windows;
+mod workspace;
+
+pub use step::{BandedController, BandedStep};
+pub use tables::{BandedData, BandedTables};
+pub use windows::Windows;
