@@ -167,13 +167,7 @@ impl<'a, T: Scalar> Pricing<'a, T> {
     }
 
     /// Prices a group of rows. Returns the largest of their bounds.
-    fn scan(
-        &mut self,
-        tables: &Tables<'_, T>,
-        block: usize,
-        z: &[T],
-        found: &mut Priced<T>,
-    ) -> T {
+    fn scan(&mut self, tables: &Tables<'_, T>, block: usize, z: &[T], found: &mut Priced<T>) -> T {
         let end = ((block + 1) * ROW_BLOCK).min(tables.dims.rows);
         let (mut row, mut largest) = (block * ROW_BLOCK, -T::INFINITY);
         while row < end {

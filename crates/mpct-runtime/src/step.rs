@@ -207,6 +207,15 @@ impl<'a, T: Scalar> Controller<'a, T> {
         self.is_optimum = false;
     }
 
+    /// Takes another solver's solution as the plan in force. It is checked before it is used, as every candidate is.
+    /// Without effect when the length is wrong or an entry is not finite.
+    pub fn set_plan(&mut self, plan: &[T]) {
+        if plan.len() == self.ws.plan.len() && all_finite(plan) {
+            self.ws.plan.copy_from_slice(plan);
+            (self.has_plan, self.is_optimum) = (true, false);
+        }
+    }
+
     /// Forgets the past: no plan, no working set.
     pub fn reset(&mut self) {
         self.ws.factor.clear();

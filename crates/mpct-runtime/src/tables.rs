@@ -100,6 +100,13 @@ pub struct TablesStamp<T> {
     found: Found<T>,
 }
 
+impl<T> TablesStamp<T> {
+    /// The dimensions of the tables.
+    pub fn dims(&self) -> Dims {
+        self.dims
+    }
+}
+
 /// "No row one stage earlier" in a shift map.
 pub const NO_ROW: u32 = u32::MAX;
 
@@ -355,9 +362,7 @@ impl<'a, T: Scalar> Tables<'a, T> {
             rest = tail;
             let row = &self.hessian[k * nz..(k + 1) * nz];
             let outside = row[..first].iter().chain(&row[first + m..]);
-            outside
-                .chain(&head[first + m - k..])
-                .all(|&v| v == T::ZERO)
+            outside.chain(&head[first + m - k..]).all(|&v| v == T::ZERO)
         })
     }
 

@@ -2,8 +2,10 @@
 //! a library, checked by us.
 
 mod body;
+mod checker;
 mod qp;
 pub(crate) mod verify;
 
 pub(crate) use body::{Ball, Body, BodyFailure, add_product, dot, norm};
+pub(crate) use checker::Checker;
 pub(crate) use qp::{Failure, PreparedQp};
