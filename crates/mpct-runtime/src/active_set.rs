@@ -14,7 +14,7 @@
 //! As in Arnström, Bemporad and Axehill (2022) the factors are of the Gram matrix of the working set, `L D Lᵀ`. They depend on the
 //! working set only, hence survive from one sampling instant to the next and a warm start costs no factorisation.
 
-use crate::dense::{all_finite, axpy, gemv_add, max_abs, upper_mul_add, upper_transpose_mul};
+use crate::dense::{all_finite, axpy, gemv_add, max_abs};
 use crate::proof::proof_radius;
 use crate::tables::NO_ROW;
 use crate::{Budget, Scalar, Tables, Workspace};
@@ -56,7 +56,12 @@ pub(crate) fn load<T: Scalar>(
     }
     ws.x.copy_from_slice(x);
     ws.linear.copy_from_slice(ws.linear_set_point);
-    gemv_add(tables.linear_state, x, ws.linear);
+    let from = tables.found.state_from;
+    gemv_add(
+        &tables.linear_state[from * x.len()..],
+        x,
+        &mut ws.linear[from..],
+    );
     ws.pricing.measure(x);
 }
 
@@ -157,14 +162,14 @@ fn run<T: Scalar>(
 /// `θ` part: the offset cost makes the terms of `θ` so large that an error in `c` would vanish beside them.
 fn stationarity<T: Scalar>(tables: &Tables<'_, T>, ws: &mut Workspace<'_, T>) -> T {
     ws.gradient.fill(T::ZERO);
-    gemv_add(tables.hessian, ws.z, ws.gradient);
+    tables.hessian_mul_add(ws.z, ws.gradient);
     let split = ws.z.len() - tables.dims.inputs;
     let z_max = max_abs(ws.z);
     let mut size_c = max_abs(&ws.linear[..split])
-        .max(tables.hessian_max[0] * z_max)
+        .max(tables.found.hessian_max[0] * z_max)
         .max(T::ONE);
     let mut size_theta = max_abs(&ws.linear[split..])
-        .max(tables.hessian_max[1] * z_max)
+        .max(tables.found.hessian_max[1] * z_max)
         .max(T::ONE);
     axpy(T::ONE, ws.linear, ws.gradient);
     ws.rho.copy_from_slice(ws.gradient);
@@ -208,7 +213,13 @@ fn settle<T: Scalar>(
     let mut corrections = 0;
     loop {
         ws.stationarity = stationarity(tables, ws);
-        let error = activity(tables, ws);
+        // Far from stationary: `z` moves before the rows matter.
+        let is_far = !(ws.stationarity <= T::STATIONARY) && corrections == 0;
+        let error = if is_far {
+            T::ZERO
+        } else {
+            activity(tables, ws)
+        };
         if ws.stationarity <= T::STATIONARY && error <= T::REFINE {
             return Ok(corrections > 0);
         }
@@ -223,7 +234,7 @@ fn settle<T: Scalar>(
         corrections += 1;
         // z −= H⁻¹ρ, unless ρ is rounding already: in f32 that would only disturb the active rows.
         if !(ws.stationarity <= T::STATIONARY) {
-            upper_transpose_mul(tables.root_inverse, ws.rho, ws.m);
+            tables.root_transpose_mul(ws.rho, ws.m);
             subtract_root(tables, ws.m, T::ONE, ws.direction, ws.z);
         }
         while ws.factor.len() > 0 {
@@ -247,7 +258,7 @@ fn settle<T: Scalar>(
             subtract_root(tables, ws.m, -T::ONE, ws.direction, ws.z);
             let Some(i) = blocking else { break };
             spend(budget, iterations)?;
-            drop_row(ws, i);
+            drop_row(tables, ws, i);
             corrections = 1;
         }
     }
@@ -262,7 +273,7 @@ fn subtract_root<T: Scalar>(
     z: &mut [T],
 ) {
     direction.fill(T::ZERO);
-    upper_mul_add(tables.root_inverse, m, direction);
+    tables.root_mul_add(m, direction);
     axpy(-t, direction, z);
 }
 
@@ -284,7 +295,7 @@ fn add<T: Scalar>(
     budget: &mut Budget<'_>,
     iterations: &mut u32,
 ) -> Result<Added<T>, Stop<T>> {
-    upper_transpose_mul(tables.root_inverse, tables.g_row(j), ws.m);
+    tables.root_transpose_mul(tables.g_row(j), ws.m);
     let (mut lambda_j, mut gain) = (T::ZERO, T::ZERO);
     loop {
         spend(budget, iterations)?;
@@ -319,7 +330,7 @@ fn add<T: Scalar>(
             return Err(Stop::Trouble);
         }
         if let Some(i) = blocking {
-            drop_row(ws, i);
+            drop_row(tables, ws, i);
             continue;
         }
         let k = ws.factor.len();
@@ -327,7 +338,7 @@ fn add<T: Scalar>(
             return Err(Stop::Trouble);
         }
         ws.lambda[k] = lambda_j;
-        ws.pricing.hide(j);
+        ws.pricing.hide(tables, j);
         return Ok(Added::Entered { gain });
     }
 }
@@ -347,9 +358,9 @@ fn prove<T: Scalar>(tables: &Tables<'_, T>, ws: &mut Workspace<'_, T>, j: usize)
 }
 
 /// The row at position `i` leaves; its multiplier goes with it.
-fn drop_row<T: Scalar>(ws: &mut Workspace<'_, T>, i: usize) {
+fn drop_row<T: Scalar>(tables: &Tables<'_, T>, ws: &mut Workspace<'_, T>, i: usize) {
     let k = ws.factor.len();
-    ws.pricing.show(ws.factor.index()[i] as usize);
+    ws.pricing.show(tables, ws.factor.index()[i] as usize);
     ws.factor.remove(i);
     ws.lambda.copy_within(i + 1..k, i);
 }
@@ -411,7 +422,7 @@ fn push_row<T: Scalar>(tables: &Tables<'_, T>, ws: &mut Workspace<'_, T>, row: u
     {
         return;
     }
-    upper_transpose_mul(tables.root_inverse, tables.g_row(row as usize), ws.m);
+    tables.root_transpose_mul(tables.g_row(row as usize), ws.m);
     let p = ws.factor.project(ws.m, ws.half, ws.a, ws.rho);
     if p.outside > T::DEPENDENT * p.length && ws.factor.append(row, ws.m, ws.half, p.outside) {
         ws.lambda[k] = multiplier;

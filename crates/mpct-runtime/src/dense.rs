@@ -48,18 +48,7 @@ pub(crate) fn gemv_add<T: Scalar>(a: &[T], x: &[T], y: &mut [T]) {
     }
 }
 
-/// `y += U x`, `U` upper triangular, rows packed one after the other (row `k` has `n − k` entries).
-#[inline]
-pub(crate) fn upper_mul_add<T: Scalar>(u: &[T], x: &[T], y: &mut [T]) {
-    let mut rest = u;
-    for k in 0..x.len().min(y.len()) {
-        let (row, tail) = rest.split_at(x.len() - k);
-        y[k] += dot(row, &x[k..]);
-        rest = tail;
-    }
-}
-
-/// `y = Uᵀ x` with the same `U`: the row vector `xᵀU`.
+/// `y = Uᵀ x`, `U` upper triangular, rows packed one after the other (row `k` has `n − k` entries).
 #[inline]
 pub(crate) fn upper_transpose_mul<T: Scalar>(u: &[T], x: &[T], y: &mut [T]) {
     y.fill(T::ZERO);
@@ -77,14 +66,25 @@ pub(crate) fn upper_transpose_mul<T: Scalar>(u: &[T], x: &[T], y: &mut [T]) {
 /// Largest absolute value; +∞ when any entry is not finite.
 #[inline]
 pub(crate) fn max_abs<T: Scalar>(x: &[T]) -> T {
-    let mut largest = T::ZERO;
-    for &v in x {
-        if !v.is_finite() {
-            return T::INFINITY;
+    // Lanes without branches; `0 · v` is NaN for what is not finite.
+    let (mut largest, mut zeros) = ([T::ZERO; LANES], [T::ZERO; LANES]);
+    let (chunks, rest) = x.as_chunks::<LANES>();
+    for chunk in chunks {
+        for lane in 0..LANES {
+            let v = chunk[lane].abs();
+            largest[lane] = if v > largest[lane] { v } else { largest[lane] };
+            zeros[lane] += T::ZERO * v;
         }
-        largest = largest.max(v.abs());
     }
-    largest
+    for (lane, &v) in rest.iter().enumerate() {
+        largest[lane] = largest[lane].max(v.abs());
+        zeros[lane] += T::ZERO * v;
+    }
+    if (zeros[0] + zeros[2]) + (zeros[1] + zeros[3]) == T::ZERO {
+        largest[0].max(largest[2]).max(largest[1].max(largest[3]))
+    } else {
+        T::INFINITY
+    }
 }
 
 /// Whether every entry is finite: `0 · v` is 0 for finite `v` and NaN otherwise.

@@ -35,14 +35,20 @@ impl Dims {
     }
 
     /// Numbers in the tables:
-    /// `nz² + nz(nz+1)/2 + nz (n + nr) + rows (nz + n + 4) + m (n + m + input_rows)`.
+    /// `nz² + nz(nz+1)/2 + nz (n + nr) + rows (nz + n + 4) + 3 blocks + m (n + m + input_rows)`, `blocks = ⌈rows/16⌉`.
     pub const fn tables_len(&self) -> usize {
         let nz = self.variables();
         nz * nz
             + nz * (nz + 1) / 2
             + nz * (self.states + self.set_point)
             + self.rows * (nz + self.states + 4)
+            + 3 * self.row_blocks()
             + self.inputs * (self.states + self.inputs + self.input_rows)
+    }
+
+    /// Groups of 16 rows whose bounds of movement are looked at together.
+    pub const fn row_blocks(&self) -> usize {
+        self.rows.div_ceil(ROW_BLOCK)
     }
 
     /// Numbers [`prepare`](crate::prepare) needs while it runs: `nz`.
@@ -50,13 +56,14 @@ impl Dims {
         self.variables()
     }
 
-    /// Numbers in the workspace: `nz² + nz(nz−1)/2 + 16 nz + 2 rows + 2 n + nr + m + 1`.
+    /// Numbers in the workspace: `nz² + nz(nz−1)/2 + 16 nz + 2 rows + blocks + 2 n + nr + m + 1`, `blocks = ⌈rows/16⌉`.
     pub const fn workspace_len(&self) -> usize {
         let nz = self.variables();
         nz * nz
             + nz * (nz - 1) / 2
             + WORK_VECTORS * nz
             + 2 * self.rows
+            + self.row_blocks()
             + 2 * self.states
             + self.set_point
             + self.inputs
@@ -98,6 +105,9 @@ impl Dims {
         }
     }
 }
+
+/// Rows whose bounds of movement are looked at together, see `pricing.rs`. Even, so that no pair of opposite rows is divided.
+pub(crate) const ROW_BLOCK: usize = 16;
 
 /// Vectors of length `nz` in the workspace, see `workspace.rs`.
 pub(crate) const WORK_VECTORS: usize = 16;

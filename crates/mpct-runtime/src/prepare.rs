@@ -1,6 +1,7 @@
 //! From the matrices of a problem to its tables: once, on the desk or at start-up.
 
 use crate::dense::{dot, upper_transpose_mul};
+use crate::dims::ROW_BLOCK;
 use crate::{Dims, Scalar, TableError, Tables};
 
 /// The matrices of one controller, all row-major. See [`Tables`] for an example.
@@ -94,6 +95,9 @@ pub fn prepare<'t, T: Scalar>(
         reach[1][row] = norm_upper(theta);
         reach[2][row] = norm_upper(w_row);
     }
+    for reach in &reach {
+        block_maxima(reach, take(&mut rest, dims.row_blocks()));
+    }
     take(&mut rest, m * n).copy_from_slice(data.gain);
     take(&mut rest, m * m).copy_from_slice(data.feedforward);
     take(&mut rest, dims.input_rows * m).copy_from_slice(data.input_rows);
@@ -138,6 +142,11 @@ pub fn cast_tables<'t, T: Scalar, U: Scalar>(
         vectors[2 * rows + row] = norm_upper(theta);
         vectors[3 * rows + row] = norm_upper(&w[row * n..(row + 1) * n]);
     }
+    let (vectors, blocks) = vectors.split_at_mut(4 * rows);
+    let parts = blocks.chunks_exact_mut(dims.row_blocks().max(1));
+    for (reach, blocks) in vectors[rows..].chunks_exact(rows.max(1)).zip(parts) {
+        block_maxima(reach, blocks);
+    }
     Tables::from_slice(dims, to)
 }
 
@@ -168,6 +177,13 @@ fn scaled_copy<T: Scalar>(scale: T, from: &[T], to: &mut [T]) {
 /// `‖x‖₂`, rounded up.
 fn norm_upper<T: Scalar>(x: &[T]) -> T {
     dot(x, x).sqrt_core() * (T::ONE + T::from_f64(64.0) * T::EPSILON)
+}
+
+/// The largest of every group of rows.
+fn block_maxima<T: Scalar>(reach: &[T], blocks: &mut [T]) {
+    for (block, group) in blocks.iter_mut().zip(reach.chunks(ROW_BLOCK)) {
+        *block = group.iter().fold(T::ZERO, |a, &v| a.max(v));
+    }
 }
 
 /// The power of two that brings `length` into `[1, 2)`, within bounds.

@@ -207,6 +207,15 @@ impl<'a, T: Scalar> Controller<'a, T> {
         self.is_optimum = false;
     }
 
+    /// Takes another solver's solution as the plan in force. It is checked before it is used, as every candidate is.
+    /// Without effect when the length is wrong or an entry is not finite.
+    pub fn set_plan(&mut self, plan: &[T]) {
+        if plan.len() == self.ws.plan.len() && all_finite(plan) {
+            self.ws.plan.copy_from_slice(plan);
+            (self.has_plan, self.is_optimum) = (true, false);
+        }
+    }
+
     /// Forgets the past: no plan, no working set.
     pub fn reset(&mut self) {
         self.ws.factor.clear();
@@ -241,10 +250,15 @@ impl<'a, T: Scalar> Controller<'a, T> {
         self.ws.proof_len = 0;
         self.check("state", x, dims.states)?;
         self.check("set-point", r, dims.set_point)?;
-        if let Some(index) = x.iter().position(|v| !v.is_finite()) {
+        let first = |v: &[T]| v.iter().position(|v| !v.is_finite());
+        if !all_finite(x)
+            && let Some(index) = first(x)
+        {
             return Err(StepError::StateNotFinite { index });
         }
-        if let Some(index) = r.iter().position(|v| !v.is_finite()) {
+        if !all_finite(r)
+            && let Some(index) = first(r)
+        {
             return Err(StepError::SetPointNotFinite { index });
         }
 
@@ -301,7 +315,7 @@ impl<'a, T: Scalar> Controller<'a, T> {
         // At an optimum settling left H z + f behind.
         if !self.is_optimum {
             ws.gradient.fill(T::ZERO);
-            gemv_add(tables.hessian, ws.plan, ws.gradient);
+            tables.hessian_mul_add(ws.plan, ws.gradient);
             axpy(T::ONE, ws.linear, ws.gradient);
         }
         let cost = T::HALF * (dot(ws.plan, ws.gradient) + dot(ws.plan, ws.linear));

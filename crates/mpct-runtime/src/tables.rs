@@ -8,10 +8,14 @@
 //! With `H = RᵀR` and `w = R (z + H⁻¹f)` this is a least-distance problem: `min ½ |w|²  s.t.  M w ≤ b + G H⁻¹f`, `M = G R⁻¹`. The tables hold `R⁻¹`; the rows of `M` are formed when a row becomes
 //! active, so that `G` is stored once only.
 //!
+//! Two things are looked for when tables are read, and used when found: a Hessian that is block diagonal (every `c_j` and `θ` apart, as for the
+//! LQR gain), and opposite rows that stand together (`±`, as from symmetric bounds), which share one product.
+//!
 //! Every row of `(G, W, 1)` is multiplied by a power of two that brings its row of `M` to a length in `[1, 2)`.
 //! Powers of two are exact: the stored rows *are* the rows of the problem.
 
-use crate::dense::{all_finite, dot, max_abs};
+use crate::dense::{all_finite, axpy, dot, max_abs};
+use crate::dims::ROW_BLOCK;
 use crate::{Dims, Scalar};
 
 /// The constant data of one controller, borrowed. See the module text for the formulas.
@@ -60,10 +64,10 @@ pub struct Tables<'a, T> {
     pub(crate) scale: &'a [T],
     /// Bound of how much a row moves per unit of `c`, of `θ` and of `x` (2-norms of the parts of the row, rounded up).
     pub(crate) reach: [&'a [T]; 3],
-    /// The largest of each, per unit of right-hand side.
-    pub(crate) reach_max: [T; 3],
-    /// Largest `|H_jk|` in the rows of `c` and in the rows of `θ`.
-    pub(crate) hessian_max: [T; 2],
+    /// The largest of each part of `reach` in every group of 16 rows.
+    pub(crate) block_reach: [&'a [T]; 3],
+    /// What was found about the entries.
+    pub(crate) found: Found<T>,
     /// `K`, `m × n`.
     pub(crate) gain: &'a [T],
     /// `L`, `m × m`.
@@ -74,12 +78,33 @@ pub struct Tables<'a, T> {
     pub(crate) shift: Option<&'a [u32]>,
 }
 
+/// What reading the entries of tables found.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Found<T> {
+    /// The largest of each part of `reach`, per unit of right-hand side.
+    pub reach_max: [T; 3],
+    /// Largest `|H_jk|` in the rows of `c` and in the rows of `θ`.
+    pub hessian_max: [T; 2],
+    /// `H` has no entry outside diagonal blocks of this size: `m`, or `nz` when it is not block diagonal.
+    pub block: usize,
+    /// Rows of `F_x` before this one are zero.
+    pub state_from: usize,
+    /// Rows `2 k` and `2 k + 1` are opposite for every `k` below this.
+    pub pairs: usize,
+}
+
 /// What a check of tables found; see [`Tables::stamp`].
 #[derive(Clone, Copy, Debug)]
 pub struct TablesStamp<T> {
     pub(crate) dims: Dims,
-    reach_max: [T; 3],
-    hessian_max: [T; 2],
+    found: Found<T>,
+}
+
+impl<T> TablesStamp<T> {
+    /// The dimensions of the tables.
+    pub fn dims(&self) -> Dims {
+        self.dims
+    }
 }
 
 /// "No row one stage earlier" in a shift map.
@@ -194,8 +219,18 @@ impl<'a, T: Scalar> Tables<'a, T> {
             w: take(rows * n),
             scale: take(rows),
             reach: [take(rows), take(rows), take(rows)],
-            reach_max: [T::ZERO; 3],
-            hessian_max: [T::ZERO; 2],
+            block_reach: [
+                take(dims.row_blocks()),
+                take(dims.row_blocks()),
+                take(dims.row_blocks()),
+            ],
+            found: Found {
+                reach_max: [T::ZERO; 3],
+                hessian_max: [T::ZERO; 2],
+                block: nz,
+                state_from: 0,
+                pairs: 0,
+            },
             gain: take(m * n),
             feedforward: take(m * m),
             input_rows: take(dims.input_rows * m),
@@ -216,8 +251,7 @@ impl<'a, T: Scalar> Tables<'a, T> {
             });
         }
         let mut tables = Self::lay_out(stamp.dims, slice);
-        tables.reach_max = stamp.reach_max;
-        tables.hessian_max = stamp.hessian_max;
+        tables.found = stamp.found;
         Ok(tables)
     }
 
@@ -225,8 +259,7 @@ impl<'a, T: Scalar> Tables<'a, T> {
     pub fn stamp(&self) -> TablesStamp<T> {
         TablesStamp {
             dims: self.dims,
-            reach_max: self.reach_max,
-            hessian_max: self.hessian_max,
+            found: self.found,
         }
     }
 
@@ -252,7 +285,7 @@ impl<'a, T: Scalar> Tables<'a, T> {
         let mut tables = Self::lay_out(dims, slice);
         let (nz, m, rows) = (dims.variables(), dims.inputs, dims.rows);
         let (of_c, of_theta) = tables.hessian.split_at((nz - m) * nz);
-        tables.hessian_max = [max_abs(of_c), max_abs(of_theta)];
+        tables.found.hessian_max = [max_abs(of_c), max_abs(of_theta)];
         for row in 0..rows {
             let scale = tables.scale[row];
             if !(scale > T::ZERO) || scale.inverse_power_of_two() * scale != T::ONE {
@@ -264,12 +297,24 @@ impl<'a, T: Scalar> Tables<'a, T> {
                 if !(reach * reach >= dot(group, group)) {
                     return Err(TableError::Damaged { row });
                 }
-                tables.reach_max[part] = tables.reach_max[part].max(reach / scale);
+                if !(tables.block_reach[part][row / ROW_BLOCK] >= reach) {
+                    return Err(TableError::Damaged { row });
+                }
+                tables.found.reach_max[part] = tables.found.reach_max[part].max(reach / scale);
             }
         }
-        if !all_finite(&tables.reach_max) {
+        if !all_finite(&tables.found.reach_max) {
             return Err(TableError::Dimensions);
         }
+        tables.found.block = if tables.is_block_diagonal() { m } else { nz };
+        tables.found.state_from = tables
+            .linear_state
+            .chunks_exact(dims.states)
+            .position(|row| row.iter().any(|&v| v != T::ZERO))
+            .unwrap_or(nz);
+        tables.found.pairs = (0..rows / 2)
+            .position(|k| !tables.is_pair(2 * k))
+            .unwrap_or(rows / 2);
         Ok(tables)
     }
 
@@ -319,6 +364,79 @@ impl<'a, T: Scalar> Tables<'a, T> {
     /// `H`, `nz × nz`, row-major.
     pub fn hessian(&self) -> &'a [T] {
         self.hessian
+    }
+
+    /// Whether `H` and `R⁻¹` have no entry outside diagonal blocks of `m`.
+    fn is_block_diagonal(&self) -> bool {
+        let (nz, m) = (self.dims.variables(), self.dims.inputs);
+        let mut rest = self.root_inverse;
+        (0..nz).all(|k| {
+            let first = k / m * m;
+            let (head, tail) = rest.split_at(nz - k);
+            rest = tail;
+            let row = &self.hessian[k * nz..(k + 1) * nz];
+            let outside = row[..first].iter().chain(&row[first + m..]);
+            outside.chain(&head[first + m - k..]).all(|&v| v == T::ZERO)
+        })
+    }
+
+    /// Whether rows `row` and `row + 1` are opposite, to the last bit.
+    fn is_pair(&self, row: usize) -> bool {
+        let opposite = |a: &[T], b: &[T]| a.iter().zip(b).all(|(&a, &b)| a == -b);
+        self.scale[row] == self.scale[row + 1]
+            && opposite(self.g_row(row), self.g_row(row + 1))
+            && opposite(self.w_row(row), self.w_row(row + 1))
+    }
+
+    /// `y += H x`.
+    #[inline]
+    pub(crate) fn hessian_mul_add(&self, x: &[T], y: &mut [T]) {
+        let block = self.found.block;
+        let rows = self.hessian.chunks_exact(x.len().max(1) * block);
+        let parts = y.chunks_exact_mut(block).zip(x.chunks_exact(block));
+        for (k, (rows, (y, part))) in rows.zip(parts).enumerate() {
+            for (yi, row) in y.iter_mut().zip(rows.chunks_exact(x.len())) {
+                *yi += dot(&row[k * block..(k + 1) * block], part);
+            }
+        }
+    }
+
+    /// `y += R⁻¹ x`.
+    #[inline]
+    pub(crate) fn root_mul_add(&self, x: &[T], y: &mut [T]) {
+        let mut rest = self.root_inverse;
+        let mut left = x.len();
+        let parts = y
+            .chunks_exact_mut(self.found.block)
+            .zip(x.chunks_exact(self.found.block));
+        for (y, part) in parts {
+            for (k, yi) in y.iter_mut().enumerate() {
+                let (row, tail) = rest.split_at(left);
+                *yi += dot(&row[..part.len() - k], &part[k..]);
+                (rest, left) = (tail, left - 1);
+            }
+        }
+    }
+
+    /// `y = R⁻ᵀ x`.
+    #[inline]
+    pub(crate) fn root_transpose_mul(&self, x: &[T], y: &mut [T]) {
+        y.fill(T::ZERO);
+        let mut rest = self.root_inverse;
+        let mut left = x.len();
+        let parts = y
+            .chunks_exact_mut(self.found.block)
+            .zip(x.chunks_exact(self.found.block));
+        for (y, part) in parts {
+            for (k, &xk) in part.iter().enumerate() {
+                let (row, tail) = rest.split_at(left);
+                // Rows of early stages have many exact zeros.
+                if xk != T::ZERO {
+                    axpy(xk, &row[..part.len() - k], &mut y[k..]);
+                }
+                (rest, left) = (tail, left - 1);
+            }
+        }
     }
 
     /// `Gᵢz − bᵢ(x)` of the scaled row: positive when violated.

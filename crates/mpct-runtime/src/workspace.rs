@@ -104,6 +104,7 @@ impl<'a, T: Scalar> Workspace<'a, T> {
             ),
             pricing: Pricing::new(
                 take(dims.rows),
+                take(dims.row_blocks()),
                 take(dims.rows),
                 take(dims.states),
                 take(nz),

@@ -23,10 +23,12 @@ mod steady_state;
 pub mod terminal;
 
 pub use control::{
-    AdmissibleSetPoint, CondensedQp, Controller, ImplicitTerminalCost, SetPoint, Step, StepStatus,
+    AdmissibleSetPoint, CandidateReason, CondensedQp, Controller, ImplicitTerminalCost, SetPoint,
+    Step, StepStatus,
 };
 pub use error::{DesignError, StepError};
 pub use matrix::{Matrix, SparseMatrix};
+pub use mpct_runtime as runtime;
 pub use problem::file::{FileError, ProblemFile};
 pub use problem::{
     Constraints, Formulation, Labels, NoTerminalConstraint, OperatingPoint, Plant, Problem,

@@ -17,30 +17,69 @@ use std::fmt;
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
-/// How the input of a step was found.
+/// Why a step returns the candidate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
+#[non_exhaustive]
+pub enum CandidateReason {
+    /// The iterations of [`Controller::set_limits`] were used up.
+    IterationLimit,
+    /// The time of [`Controller::set_limits`] was used up.
+    Deadline,
+    /// No solver gave an answer that passes the check.
+    SolverFailed,
+}
+
+impl fmt::Display for CandidateReason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::IterationLimit => "iteration limit",
+            Self::Deadline => "deadline",
+            Self::SolverFailed => "solver failed",
+        })
+    }
+}
+
+impl From<mpct_runtime::Why> for CandidateReason {
+    fn from(why: mpct_runtime::Why) -> Self {
+        match why {
+            mpct_runtime::Why::IterationLimit => Self::IterationLimit,
+            mpct_runtime::Why::Deadline => Self::Deadline,
+            mpct_runtime::Why::SolverFailed => Self::SolverFailed,
+        }
+    }
+}
+
+/// How the input of a step was found. Printed and stored as "optimal" or "candidate", without the reason.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum StepStatus {
     /// The optimum, checked.
     Optimal,
-    /// The shifted candidate (32): feasible and cheaper than the last step, used because the solver gave no answer.
-    Candidate,
+    /// The shifted candidate (32), or a better point on the way from it to the optimum. Feasible and cheaper than the last step when
+    /// [`Step::violation`] is rounding; otherwise the state has left the prediction.
+    Candidate(CandidateReason),
 }
 
 impl fmt::Display for StepStatus {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Optimal => "optimal",
-            Self::Candidate => "candidate",
+            Self::Candidate(_) => "candidate",
         })
+    }
+}
+
+impl Serialize for StepStatus {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
     }
 }
 
 /// One step of the controller; everything in physical coordinates.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Step {
-    /// u, the input to apply, length m.
+    /// u, the input to apply, length m. Always in U: drawn towards the operating point if a candidate that violates its rows would leave it.
     pub input: Vec<f64>,
     /// x_s^a, length n.
     pub artificial_state: Vec<f64>,
@@ -228,11 +267,13 @@ impl Controller {
             })?;
         let admissible = self.is_admissible(set_point);
         let mut step = self.describe(&x, &r, &answer.z);
-        step.status = if answer.optimal {
-            StepStatus::Optimal
-        } else {
-            StepStatus::Candidate
-        };
+        let at = &self.ingredients.problem().plant().operating_point().input;
+        for ((u, v), o) in step.input.iter_mut().zip(&answer.input).zip(at) {
+            *u = v + o;
+        }
+        step.status = answer
+            .why
+            .map_or(StepStatus::Optimal, |why| StepStatus::Candidate(why.into()));
         step.violation = answer.violation;
         step.iterations = answer.iterations;
         step.admissible = admissible;
@@ -253,6 +294,52 @@ impl Controller {
             rows: crate::linalg::to_matrix(&self.solver.program().rows),
             bounds,
         })
+    }
+
+    /// The rows of the program and their multipliers y ≥ 0 that proved the last step infeasible: Gᵀy ≈ 0 and b(x)ᵀy < 0, so that no z has
+    /// G z ≤ b(x). Empty unless the last step was [`StepError::Infeasible`] by the proof of the controller's own solver; indices are those
+    /// of [`Controller::qp`].
+    ///
+    /// ```
+    /// # use mpct::{cases, Controller, DesignOptions, SetPoint, StepError, TerminalIngredients};
+    /// let ingredients = TerminalIngredients::design(&cases::academic().problem, &DesignOptions::default())?;
+    /// let mut controller = Controller::new(ingredients)?;
+    /// let (state, set_point) = ([2.9, 2.9], SetPoint::state([0.0, 0.0]));
+    /// assert!(matches!(controller.step(&state, &set_point), Err(StepError::Infeasible { .. })));
+    /// let bounds = controller.qp(&state, &set_point)?.bounds;
+    /// let proof = controller.infeasibility_proof();
+    /// assert!(proof.iter().all(|(_, _, y)| *y >= 0.0));
+    /// assert!(proof.iter().map(|(row, _, y)| bounds[*row] * y).sum::<f64>() < 0.0);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn infeasibility_proof(&self) -> Vec<(usize, ProgramRow, f64)> {
+        let proof = self.solver.proof();
+        if proof.is_empty() {
+            return Vec::new();
+        }
+        let names = self.program_row_names();
+        proof.iter().map(|&(i, y)| (i, names[i], y)).collect()
+    }
+
+    /// The tables of the online program and their sizes, for a controller of [`crate::runtime`] that runs without the desk: the state and
+    /// the set-point (state, then input) in shifted coordinates, x − x_op, and the input likewise.
+    ///
+    /// ```
+    /// # use mpct::{cases, Controller, DesignOptions, SetPoint, TerminalIngredients};
+    /// use mpct::runtime::{self, Budget, Tables, Workspace};
+    /// let ingredients = TerminalIngredients::design(&cases::academic().problem, &DesignOptions::default())?;
+    /// let mut desk = Controller::new(ingredients)?;
+    /// let (dims, numbers) = desk.runtime_tables().ok_or("no tables")?;
+    /// let (mut memory, mut indices) = (vec![0.0; dims.workspace_len()], vec![0; dims.index_len()]);
+    /// let tables = Tables::from_slice(dims, numbers)?;
+    /// let workspace = Workspace::new(dims, &mut memory, &mut indices)?;
+    /// let mut target = runtime::Controller::new(tables, workspace)?;
+    /// let u = target.step(&[-2.0, 0.5], &[1.0, 0.0, 0.0, 0.0], Budget::unlimited())?.input.to_vec();
+    /// assert_eq!(u, desk.step(&[-2.0, 0.5], &SetPoint::state([1.0, 0.0]))?.input);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn runtime_tables(&self) -> Option<(mpct_runtime::Dims, &[f64])> {
+        self.solver.tables()
     }
 
     /// W and G of the program's rows W x + G z ≤ 1, in shifted coordinates.
@@ -383,8 +470,8 @@ impl Controller {
             Task::Regulation => set_point.state == problem.plant().operating_point().state,
             Task::Tracking => match &mut self.equilibria {
                 Some(equilibria) => equilibria
-                    .closest(problem, self.ingredients.steady_states(), set_point)
-                    .is_ok_and(|closest| closest.admissible),
+                    .is_admissible(problem, self.ingredients.steady_states(), set_point)
+                    .unwrap_or(false),
                 None => false,
             },
         };
@@ -408,38 +495,45 @@ impl Controller {
             }
             Task::Regulation => (vec![0.0; n], vec![0.0; m]),
         };
+        let at = plant.operating_point();
         let minus =
             |a: &[f64], b: &[f64]| -> Vec<f64> { a.iter().zip(b).map(|(a, b)| a - b).collect() };
-        let (mut states, mut inputs) = (vec![x.to_vec()], Vec::with_capacity(horizon));
+        let physical =
+            |v: &[f64], o: &[f64]| -> Vec<f64> { v.iter().zip(o).map(|(v, o)| v + o).collect() };
+        let gain = self.ingredients.gain();
+        let (mut states, mut inputs) =
+            (Vec::with_capacity(horizon + 1), Vec::with_capacity(horizon));
+        let (mut state, mut next, mut e) = (x.to_vec(), vec![0.0; n], minus(x, &xs));
+        let (mut du, mut u) = (vec![0.0; m], vec![0.0; m]);
         let mut cost = 0.0;
-        for j in 0..horizon {
-            let e = minus(&states[j], &xs);
-            let mut du = self.ingredients.gain().mul_vec(&e);
-            for (d, c) in du.iter_mut().zip(&z[j * m..(j + 1) * m]) {
-                *d += c;
+        for c in z.chunks_exact(m).take(horizon) {
+            for i in 0..m {
+                du[i] = c[i] + gain.row_dot(i, &e);
+                u[i] = du[i] + us[i];
             }
             cost += weighted_square(problem.state_weight(), &e)
                 + weighted_square(problem.input_weight(), &du);
-            let u: Vec<f64> = du.iter().zip(&us).map(|(d, u)| d + u).collect();
-            let ax = plant.a().mul_vec(&states[j]);
-            let bu = plant.b().mul_vec(&u);
-            states.push(ax.iter().zip(&bu).map(|(a, b)| a + b).collect());
-            inputs.push(u);
-        }
-        cost += weighted_square(
-            self.ingredients.terminal_weight(),
-            &minus(&states[horizon], &xs),
-        );
-        if let Some(extra) = &self.extra {
-            let mut e = minus(&states[horizon], &xs);
-            for _ in 0..extra.steps {
-                let mut next = vec![0.0; n];
-                add_product(&mut next, &self.ingredients.law().closed_loop, &e, 1.0);
-                e = next;
+            for i in 0..n {
+                next[i] = plant.a().row_dot(i, &state) + plant.b().row_dot(i, &u);
             }
-            let mut weighted = vec![0.0; n];
-            add_product(&mut weighted, &extra.weight, &e, 1.0);
-            cost += e.iter().zip(&weighted).map(|(a, b)| a * b).sum::<f64>();
+            states.push(physical(&state, &at.state));
+            inputs.push(physical(&u, &at.input));
+            std::mem::swap(&mut state, &mut next);
+            for ((e, x), s) in e.iter_mut().zip(&state).zip(&xs) {
+                *e = x - s;
+            }
+        }
+        states.push(physical(&state, &at.state));
+        cost += weighted_square(self.ingredients.terminal_weight(), &e);
+        if let Some(extra) = &self.extra {
+            for _ in 0..extra.steps {
+                next.fill(0.0);
+                add_product(&mut next, &self.ingredients.law().closed_loop, &e, 1.0);
+                std::mem::swap(&mut e, &mut next);
+            }
+            next.fill(0.0);
+            add_product(&mut next, &extra.weight, &e, 1.0);
+            cost += e.iter().zip(&next).map(|(a, b)| a * b).sum::<f64>();
         }
         let offset_cost = match problem.task() {
             Task::Tracking => {
@@ -448,18 +542,14 @@ impl Controller {
             }
             Task::Regulation => 0.0,
         };
-        let at = plant.operating_point();
-        let physical =
-            |v: Vec<f64>, o: &[f64]| -> Vec<f64> { v.iter().zip(o).map(|(v, o)| v + o).collect() };
-        let inputs: Vec<Vec<f64>> = inputs.into_iter().map(|u| physical(u, &at.input)).collect();
         Step {
             input: inputs[0].clone(),
-            artificial_state: physical(xs, &at.state),
-            artificial_input: physical(us, &at.input),
+            artificial_state: physical(&xs, &at.state),
+            artificial_input: physical(&us, &at.input),
             cost: cost + offset_cost,
             offset_cost,
             admissible: false,
-            predicted_states: states.into_iter().map(|x| physical(x, &at.state)).collect(),
+            predicted_states: states,
             predicted_inputs: inputs,
             status: StepStatus::Optimal,
             violation: 0.0,

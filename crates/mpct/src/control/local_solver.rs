@@ -4,7 +4,7 @@
 //! the solver.
 
 use super::local_order::{Order, order};
-use super::local_program::{LocalProgram, condense_locally};
+use super::local_program::{LocalProgram, Side, condense_locally};
 use super::local_tables::OwnedTables;
 use super::online::{Answer, Limits, Program};
 use super::prediction::RowOrigin;
@@ -22,12 +22,12 @@ use mpct_runtime::banded::BandedController;
 const LEAST_VARIABLES: usize = 100;
 /// Rows that reach further than this share of the variables leave nothing to exploit.
 const LARGEST_SHARE: f64 = 0.5;
-/// Plants whose A + B K is fuller than this are not looked at.
-const FULL: f64 = 0.6;
 /// Largest residual of an optimum that is accepted, as in `online.rs`.
 const ACCEPTED: f64 = 1e-8;
 /// A Farkas ray must exclude every solution below this norm, as in `online.rs`.
 const FARKAS_RADIUS: f64 = 1e6;
+/// A point that violates no row by more than this counts as feasible, as in `online.rs`.
+const FEASIBLE: f64 = 1e-8;
 /// Entries of the dense matrices up to which the interior-point method is asked for a second opinion.
 const SECOND_OPINION: usize = 1_000_000;
 
@@ -39,9 +39,13 @@ pub(crate) struct LocalSolver {
     controller: BandedController<f64, Vec<f64>, Vec<u32>>,
     /// For each row of the program as it is told to others: pair and side.
     rows: Vec<(u32, u8)>,
+    /// Upper and lower bound of each pair.
+    bounds: [Vec<f64>; 2],
     /// The whole program with full matrices, when somebody asks for it.
     full: std::sync::OnceLock<Program>,
     second_opinion: Option<PreparedQp>,
+    /// Rows and multipliers that proved the last step infeasible.
+    proof: Vec<(usize, f64)>,
 }
 
 fn failed(e: runtime::TableError) -> DesignError {
@@ -60,14 +64,15 @@ impl LocalSolver {
         let problem = ingredients.problem();
         let (m, stages) = (problem.plant().inputs(), problem.prediction_horizon());
         let parameters = usize::from(problem.task() == Task::Tracking);
-        if (stages + parameters) * m < LEAST_VARIABLES
-            || ingredients.sparse_law().closed_loop.share() > FULL
-        {
+        if (stages + parameters) * m < LEAST_VARIABLES {
             return Ok(None);
         }
         let Some(program) = condense_locally(ingredients, formulation)? else {
             return Ok(None);
         };
+        if program.rows.share() > LARGEST_SHARE {
+            return Ok(None);
+        }
         let order = order(&program, m, stages);
         let tables = OwnedTables::new(&program, &order, ingredients, stages);
         if tables.mean_window() > LARGEST_SHARE * program.hessian.rows() as f64 {
@@ -89,8 +94,13 @@ impl LocalSolver {
                 }
             }
         }
+        let bounds = [0, 1].map(|k: usize| {
+            let side = |s: &[Option<_>; 2]| s[k].map_or(f64::INFINITY, |s: Side| s.bound);
+            program.sides.iter().map(side).collect()
+        });
         Ok(Some((
             Self {
+                bounds,
                 program,
                 order,
                 tables,
@@ -98,6 +108,7 @@ impl LocalSolver {
                 rows,
                 full: std::sync::OnceLock::new(),
                 second_opinion: None,
+                proof: Vec::new(),
             },
             origin,
         )))
@@ -148,6 +159,7 @@ impl LocalSolver {
                 from_set_point: linalg::dense(&self.program.from_set_point),
                 rows: spread(&self.program.rows),
                 state_rows: spread(&self.program.state_rows),
+                law: None,
             }
         })
     }
@@ -172,17 +184,29 @@ impl LocalSolver {
         f
     }
 
-    /// The checked optimum at (x, r); the shifted candidate when the limits end the solve before it.
-    pub(crate) fn solve(&mut self, x: &[f64], r: &[f64], limits: Limits) -> Result<Answer, Failure> {
+    /// Rows and multipliers that prove the last step infeasible; empty unless it was.
+    pub(crate) fn proof(&self) -> &[(usize, f64)] {
+        &self.proof
+    }
+
+    /// The checked optimum at (x, r); the shifted candidate when the limits end the solve before it, or when nobody finds an
+    /// optimum and the candidate is feasible.
+    pub(crate) fn solve(
+        &mut self,
+        x: &[f64],
+        r: &[f64],
+        limits: Limits,
+    ) -> Result<Answer, Failure> {
         let unsolved = Failure::Unsolved {
             iterations: 0,
             residual: f64::INFINITY,
         };
+        self.proof.clear();
         let Ok(view) = self.tables.view() else {
             return Err(unsolved);
         };
-        let started = std::time::Instant::now();
-        let mut late = || limits.time.is_some_and(|t| started.elapsed() >= t);
+        let started = limits.time.map(|limit| (std::time::Instant::now(), limit));
+        let mut late = || started.is_some_and(|(start, limit)| start.elapsed() >= limit);
         let mut budget = limits
             .iterations
             .map_or_else(runtime::Budget::unlimited, runtime::Budget::iterations);
@@ -197,15 +221,19 @@ impl LocalSolver {
             }
             Answer {
                 z,
-                optimal: step.status == runtime::StepStatus::Optimal,
+                input: step.input.to_vec(),
+                why: match step.status {
+                    runtime::StepStatus::Optimal => None,
+                    runtime::StepStatus::Candidate(why) => Some(why),
+                },
                 iterations: step.iterations as usize,
-                violation: step.violation,
+                violation: f64::INFINITY,
             }
         });
         let mut y = vec![0.0; self.program.sides.len()];
         let place = |pair: usize| self.order.pairs[pair] as usize;
         match &step {
-            Ok(answer) if answer.optimal => {
+            Ok(answer) if answer.why.is_none() => {
                 for (pair, value) in self.controller.multipliers(&view) {
                     y[place(pair)] = value;
                 }
@@ -217,49 +245,63 @@ impl LocalSolver {
             }
             _ => {}
         }
-        let limited = limits != Limits::default();
+        let mut fallback = None;
         match step {
-            Ok(answer) if answer.optimal => {
-                let p = &self.program;
+            Ok(mut answer) => {
                 let checked = verify_pairs::residuals(
-                    &p.hessian,
+                    &self.program.hessian,
                     &self.linear(x, r),
                     &self.pairs(x),
                     &answer.z,
                     &y,
                 );
-                if checked.within(ACCEPTED) {
-                    return Ok(answer);
+                answer.violation = checked.primal;
+                match answer.why {
+                    None if checked.within(ACCEPTED) => return Ok(answer),
+                    None => answer.why = Some(runtime::Why::SolverFailed),
+                    Some(runtime::Why::SolverFailed) => {}
+                    Some(_) => return Ok(answer),
                 }
+                fallback = Some(answer);
             }
-            Ok(answer) if limited => return Ok(answer),
-            Err(runtime::StepError::NoCandidate { .. }) if limited => return Err(unsolved),
+            Err(runtime::StepError::NoCandidate { why }) if why != runtime::Why::SolverFailed => {
+                return Err(unsolved);
+            }
             Err(runtime::StepError::Infeasible { .. }) => {
-                if let Some(proof) = verify_pairs::farkas(&self.pairs(x), &y)
-                    .filter(|p: &Farkas| p.radius >= FARKAS_RADIUS)
-                {
+                let proof = verify_pairs::farkas(&self.pairs(x), &y);
+                if let Some(proof) = proof.filter(|p: &Farkas| p.radius >= FARKAS_RADIUS) {
+                    self.proof = self.by_rows(&y);
                     return Err(Failure::Infeasible(proof));
                 }
             }
-            _ => {}
+            Err(_) => {}
         }
-        self.ask_again(x, r)
+        match (self.ask_again(x, r), fallback) {
+            (Err(Failure::Unsolved { .. }), Some(answer)) if answer.violation <= FEASIBLE => {
+                Ok(answer)
+            }
+            (other, _) => other,
+        }
+    }
+
+    /// Multipliers of pairs as multipliers of the rows that others are told.
+    fn by_rows(&self, y: &[f64]) -> Vec<(usize, f64)> {
+        (0..self.rows.len())
+            .filter_map(|k| {
+                let (pair, factor) = self.factor(k);
+                let multiplier = y[pair] / factor;
+                (multiplier > 0.0 && multiplier.is_finite()).then_some((k, multiplier))
+            })
+            .collect()
     }
 
     /// The rows at a state, for the checks.
     fn pairs(&self, x: &[f64]) -> verify_pairs::Pairs<'_> {
-        let bound = |k: usize| {
-            self.program
-                .sides
-                .iter()
-                .map(|s| s[k].map_or(f64::INFINITY, |s| s.bound))
-                .collect()
-        };
         verify_pairs::Pairs {
             rows: &self.program.rows,
             from_state: self.program.state_rows.mul_vec(x),
-            upper: bound(0),
-            lower: bound(1),
+            upper: &self.bounds[0],
+            lower: &self.bounds[1],
         }
     }
 
@@ -283,11 +325,17 @@ impl LocalSolver {
             Some(qp) => qp.solve(&f, &b)?,
             None => return Err(unsolved),
         };
+        // What the controller's own solver would shift next time is not what is applied now.
+        self.reset();
+        let zero = vec![0.0; self.program.sides.len()];
+        let checked =
+            verify_pairs::residuals(&self.program.hessian, &f, &self.pairs(x), &solution.z, &zero);
         Ok(Answer {
+            input: self.tables.first_input(&self.order, x, &solution.z),
             z: solution.z,
-            optimal: true,
+            why: None,
             iterations: solution.iterations,
-            violation: 0.0,
+            violation: checked.primal,
         })
     }
 }

@@ -46,6 +46,15 @@ impl OwnedWindows {
         Windows::new(self.columns, &self.first, &self.start, &self.values)
     }
 
+    /// Row `i` times `x`.
+    fn dot(&self, i: usize, x: &[f64]) -> f64 {
+        let row = &self.values[self.start[i] as usize..self.start[i + 1] as usize];
+        row.iter()
+            .zip(&x[self.first[i] as usize..])
+            .map(|(a, b)| a * b)
+            .sum()
+    }
+
     /// Mean length of a row.
     fn mean(&self) -> f64 {
         self.values.len() as f64 / self.first.len().max(1) as f64
@@ -252,6 +261,24 @@ impl OwnedTables {
             set_point_order: &self.set_point_order,
             next_stage: &self.next_stage,
         })
+    }
+
+    /// K x + L θ + c_0 for a state and a solution in the order of the problem; as the runtime forms it.
+    pub(super) fn first_input(&self, order: &Order, x: &[f64], z: &[f64]) -> Vec<f64> {
+        let gather = |order: &[u32], v: &[f64]| -> Vec<f64> {
+            order.iter().map(|&k| v[k as usize]).collect()
+        };
+        let (x, z) = (gather(&order.states, x), gather(&order.variables, z));
+        let m = self.gain.first.len();
+        let mut u: Vec<f64> = (0..m)
+            .map(|i| self.gain.dot(i, &x) + self.first_input.dot(i, &z))
+            .collect();
+        let outside = (0..self.input_rows.first.len())
+            .fold(1.0_f64, |a, i| a.max(self.input_rows.dot(i, &u)));
+        for v in &mut u {
+            *v /= outside;
+        }
+        u
     }
 
     /// Mean window of a row of G.

@@ -12,7 +12,7 @@ mod regime;
 mod set_point;
 mod terminal_cost;
 
-pub use controller::{CondensedQp, Controller, Step, StepStatus};
+pub use controller::{CandidateReason, CondensedQp, Controller, Step, StepStatus};
 pub use set_point::{AdmissibleSetPoint, SetPoint};
 pub use terminal_cost::ImplicitTerminalCost;
 

@@ -5,8 +5,7 @@
 
 use crate::error::DesignError;
 use crate::linalg::Dense;
-use crate::optimization::verify::{self, Farkas};
-use crate::optimization::{Failure, PreparedQp};
+use crate::optimization::{Checker, Failure, PreparedQp};
 use mpct_runtime as runtime;
 
 /// Data of min ½ zᵀHz + (F_x x + F_r r)ᵀz subject to G z ≤ 1 − V x.
@@ -16,12 +15,25 @@ pub(crate) struct Program {
     pub(crate) from_set_point: Dense,
     pub(crate) rows: Dense,
     pub(crate) state_rows: Dense,
+    /// How the first input follows; `None` when nobody asks for it.
+    pub(crate) law: Option<InputLaw>,
 }
 
-/// Largest residual of an optimum that is accepted, relative as in [`verify::Residuals`].
+/// u = K x + L θ + c_0, and U = {u : E u ≤ 1}.
+pub(crate) struct InputLaw {
+    pub(crate) gain: Dense,
+    pub(crate) feedforward: Dense,
+    pub(crate) input_rows: Dense,
+}
+
+/// Largest residual of an optimum that is accepted, relative as in [`Residuals`](crate::optimization::verify::Residuals).
 const ACCEPTED: f64 = 1e-8;
 /// A Farkas ray must exclude every solution below this norm, in units in which rows have right-hand sides of one.
 const FARKAS_RADIUS: f64 = 1e6;
+
+/// A point that violates no row by more than this counts as feasible. Right-hand sides are one; a predicted state that the plant
+/// meets to rounding is off by less.
+const FEASIBLE: f64 = 1e-8;
 
 /// How one solve may end early.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -33,15 +45,23 @@ pub(crate) struct Limits {
 /// A point and what it is worth.
 pub(crate) struct Answer {
     pub(crate) z: Vec<f64>,
-    pub(crate) optimal: bool,
+    /// The first input, in U; without entries when the program has no [`InputLaw`].
+    pub(crate) input: Vec<f64>,
+    /// Why it is not the optimum; `None` for the optimum.
+    pub(crate) why: Option<runtime::Why>,
     pub(crate) iterations: usize,
-    /// Largest violation of a row.
+    /// Largest violation of a row, checked.
     pub(crate) violation: f64,
 }
 
 /// A family of programs, and the memory of the last one solved.
 pub(crate) struct OnlineSolver {
     program: Program,
+    checker: Checker,
+    /// Rows and multipliers of the last optimum or proof.
+    multipliers: Vec<(usize, f64)>,
+    /// Whether `multipliers` prove that the last step had no solution.
+    is_proof: bool,
     /// Prepared when it is first needed.
     second_opinion: Option<PreparedQp>,
     /// Variables of the program; the runtime's may be more, for its θ.
@@ -65,7 +85,7 @@ impl OnlineSolver {
             horizon: stages,
             set_point,
             rows,
-            input_rows: 0,
+            input_rows: program.law.as_ref().map_or(0, |l| l.input_rows.nrows()),
         };
         let nz = dims.variables();
         let padded = |m: &Dense, rows: usize, columns: usize, diagonal: f64| -> Vec<f64> {
@@ -84,6 +104,12 @@ impl OnlineSolver {
             out
         };
         let negated = &program.state_rows * faer::Scale(-1.0);
+        let empty = InputLaw {
+            gain: Dense::zeros(inputs, states),
+            feedforward: Dense::zeros(inputs, inputs),
+            input_rows: Dense::zeros(0, inputs),
+        };
+        let law = program.law.as_ref().unwrap_or(&empty);
         let data = runtime::QpData {
             dims,
             hessian: &padded(&program.hessian, nz, nz, 1.0),
@@ -91,10 +117,9 @@ impl OnlineSolver {
             linear_set_point: &padded(&program.from_set_point, nz, set_point, 0.0),
             rows: &padded(&program.rows, rows, nz, 0.0),
             rows_state: &padded(&negated, rows, states, 0.0),
-            // The desk forms the input from z itself.
-            gain: &vec![0.0; inputs * states],
-            feedforward: &vec![0.0; inputs * inputs],
-            input_rows: &[],
+            gain: &padded(&law.gain, inputs, states, 0.0),
+            feedforward: &padded(&law.feedforward, inputs, inputs, 0.0),
+            input_rows: &padded(&law.input_rows, law.input_rows.nrows(), inputs, 0.0),
         };
         let failed = |e: runtime::TableError| DesignError::Solver {
             what: "the tables of the online solver".into(),
@@ -112,6 +137,15 @@ impl OnlineSolver {
             .map_err(failed)?
             .suspend();
         Ok(Self {
+            checker: Checker::new(
+                &program.hessian,
+                &program.from_state,
+                &program.from_set_point,
+                &program.rows,
+                &program.state_rows,
+            ),
+            multipliers: Vec::new(),
+            is_proof: false,
             program,
             second_opinion: None,
             variables,
@@ -125,6 +159,20 @@ impl OnlineSolver {
 
     pub(crate) fn program(&self) -> &Program {
         &self.program
+    }
+
+    /// The runtime's tables and their sizes.
+    pub(crate) fn tables(&self) -> (runtime::Dims, &[f64]) {
+        (self.stamp.dims(), &self.tables)
+    }
+
+    /// Rows and multipliers that prove the last step infeasible; empty unless it was.
+    pub(crate) fn proof(&self) -> &[(usize, f64)] {
+        if self.is_proof {
+            &self.multipliers
+        } else {
+            &[]
+        }
     }
 
     /// Forgets the last solution.
@@ -151,18 +199,20 @@ impl OnlineSolver {
         (f, b)
     }
 
-    /// The checked optimum at (x, r); the shifted candidate when the limits end the solve before it.
+    /// The checked optimum at (x, r); the shifted candidate when the limits end the solve before it, or when nobody finds an
+    /// optimum and the candidate is feasible.
     pub(crate) fn solve(
         &mut self,
         x: &[f64],
         r: &[f64],
         limits: Limits,
     ) -> Result<Answer, Failure> {
-        let (f, b) = self.linear_and_bounds(x, r);
         let unsolved = Failure::Unsolved {
             iterations: 0,
             residual: f64::INFINITY,
         };
+        self.multipliers.clear();
+        self.is_proof = false;
         let Some(mut controller) = resume(
             self.stamp,
             &self.tables,
@@ -172,8 +222,8 @@ impl OnlineSolver {
         ) else {
             return Err(unsolved);
         };
-        let started = std::time::Instant::now();
-        let mut late = || limits.time.is_some_and(|t| started.elapsed() >= t);
+        let started = limits.time.map(|limit| (std::time::Instant::now(), limit));
+        let mut late = || started.is_some_and(|(start, limit)| start.elapsed() >= limit);
         let mut budget = limits
             .iterations
             .map_or_else(runtime::Budget::unlimited, runtime::Budget::iterations);
@@ -181,49 +231,71 @@ impl OnlineSolver {
             budget = budget.until(&mut late);
         }
         let nz = self.variables;
+        let has_law = self.program.law.is_some();
         let step = controller.step(x, r, budget).map(|step| Answer {
             z: step.solution[..nz].to_vec(),
-            optimal: step.status == runtime::StepStatus::Optimal,
+            input: if has_law {
+                step.input.to_vec()
+            } else {
+                Vec::new()
+            },
+            why: match step.status {
+                runtime::StepStatus::Optimal => None,
+                runtime::StepStatus::Candidate(why) => Some(why),
+            },
             iterations: step.iterations as usize,
-            violation: step.violation,
+            violation: f64::INFINITY,
         });
-        let sparse: Vec<(usize, f64)> = match &step {
-            Ok(answer) if answer.optimal => controller.multipliers().collect(),
-            Err(runtime::StepError::Infeasible { .. }) => controller.proof().collect(),
-            _ => Vec::new(),
-        };
-        self.memory = controller.suspend();
-        let mut y = vec![0.0; b.len()];
-        for (row, multiplier) in sparse {
-            y[row] = multiplier;
-        }
-        let limited = limits != Limits::default();
-        match step {
-            Ok(answer) if answer.optimal => {
-                let p = &self.program;
-                let residuals = verify::residuals(&p.hessian, &f, &p.rows, &b, &answer.z, &y);
-                if residuals.within(ACCEPTED) {
-                    return Ok(answer);
-                }
-            }
-            Ok(answer) if limited => return Ok(answer),
-            Err(runtime::StepError::NoCandidate { .. }) if limited => return Err(unsolved),
+        match &step {
+            Ok(answer) if answer.why.is_none() => self.multipliers.extend(controller.multipliers()),
             Err(runtime::StepError::Infeasible { .. }) => {
-                if let Some(proof) = self.proof(&b, &y) {
-                    return Err(Failure::Infeasible(proof));
-                }
+                self.multipliers.extend(controller.proof());
             }
             _ => {}
         }
-        self.ask_again(&f, &b)
-    }
-
-    fn proof(&self, b: &[f64], y: &[f64]) -> Option<Farkas> {
-        verify::farkas(&self.program.rows, b, y).filter(|p| p.radius >= FARKAS_RADIUS)
+        self.memory = controller.suspend();
+        let mut fallback = None;
+        match step {
+            Ok(mut answer) if answer.why.is_none() => {
+                let residuals = self.checker.residuals(x, r, &answer.z, &self.multipliers);
+                answer.violation = residuals.primal;
+                if residuals.within(ACCEPTED) {
+                    return Ok(answer);
+                }
+                answer.why = Some(runtime::Why::SolverFailed);
+                fallback = Some(answer);
+            }
+            Ok(mut answer) => {
+                answer.violation = self.checker.violation(x, &answer.z);
+                if answer.why != Some(runtime::Why::SolverFailed) {
+                    return Ok(answer);
+                }
+                fallback = Some(answer);
+            }
+            Err(runtime::StepError::NoCandidate { why }) if why != runtime::Why::SolverFailed => {
+                return Err(unsolved);
+            }
+            Err(runtime::StepError::Infeasible { .. }) => {
+                let proof = self.checker.farkas(x, &self.multipliers);
+                if let Some(proof) = proof.filter(|p| p.radius >= FARKAS_RADIUS) {
+                    self.is_proof = true;
+                    return Err(Failure::Infeasible(proof));
+                }
+            }
+            Err(_) => {}
+        }
+        self.multipliers.clear();
+        match (self.ask_again(x, r), fallback) {
+            (Err(Failure::Unsolved { .. }), Some(answer)) if answer.violation <= FEASIBLE => {
+                Ok(answer)
+            }
+            (other, _) => other,
+        }
     }
 
     /// The library's interior-point method.
-    fn ask_again(&mut self, f: &[f64], b: &[f64]) -> Result<Answer, Failure> {
+    fn ask_again(&mut self, x: &[f64], r: &[f64]) -> Result<Answer, Failure> {
+        let (f, b) = self.linear_and_bounds(x, r);
         let qp = match &mut self.second_opinion {
             Some(qp) => qp,
             empty => {
@@ -236,13 +308,50 @@ impl OnlineSolver {
                 })?)
             }
         };
-        let solution = qp.solve(f, b)?;
+        let solution = qp.solve(&f, &b)?;
+        let (z, y) = (solution.z, solution.y);
+        self.multipliers
+            .extend(y.into_iter().enumerate().filter(|(_, y)| *y > 0.0));
+        // The next candidate is the shift of what is applied now.
+        if let Some(mut controller) = resume(
+            self.stamp,
+            &self.tables,
+            &mut self.numbers,
+            &mut self.indices,
+            self.memory,
+        ) {
+            let mut plan = z.clone();
+            plan.resize(self.stamp.dims().variables(), 0.0);
+            controller.set_plan(&plan);
+            self.memory = controller.suspend();
+        }
         Ok(Answer {
-            z: solution.z,
-            optimal: true,
+            violation: self.checker.violation(x, &z),
+            input: self.first_input(x, &z),
+            z,
+            why: None,
             iterations: solution.iterations,
-            violation: 0.0,
         })
+    }
+
+    /// u = K x + L θ + c_0, drawn towards 0 if rounding has left it outside of U.
+    fn first_input(&self, x: &[f64], z: &[f64]) -> Vec<f64> {
+        let Some(law) = &self.program.law else {
+            return Vec::new();
+        };
+        let m = law.gain.nrows();
+        let stages = self.stamp.dims().horizon * m;
+        let mut u: Vec<f64> = if stages > 0 {
+            z[..m].to_vec()
+        } else {
+            vec![0.0; m]
+        };
+        accumulate(&mut u, &law.gain, x, 1.0);
+        accumulate(&mut u, &law.feedforward, &z[stages..], 1.0);
+        let mut rows = vec![0.0; law.input_rows.nrows()];
+        accumulate(&mut rows, &law.input_rows, &u, 1.0);
+        let outside = rows.iter().fold(1.0_f64, |a, &v| a.max(v));
+        u.iter().map(|v| v / outside).collect()
     }
 }
 

@@ -13,12 +13,14 @@ use super::set_point::OffsetCost;
 use super::terminal_cost::{ExtraCost, no_terminal_constraint, power};
 use crate::error::DesignError;
 use crate::linalg::{self, Dense};
-use crate::problem::{Formulation, Task};
+use crate::matrix::SparseMatrix;
+use crate::problem::{ConstraintRows, Formulation, Task};
 use crate::terminal::TerminalIngredients;
 use faer::Scale;
+use std::collections::HashMap;
 
 /// Where a row of the program comes from.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum RowOrigin {
     /// Constraint row i at prediction step j < N.
     Stage { row: usize, step: usize },
@@ -38,6 +40,7 @@ pub(crate) struct Condensed {
     pub(crate) from_state: Dense,
     /// F_r, variables × (n + m): set-point state and input.
     pub(crate) from_set_point: Dense,
+    /// Opposite rows stand together, before all others.
     pub(crate) origin: Vec<RowOrigin>,
     /// The Hessian of the cost in the state, n × n: the cost is ½ zᵀHz + (F_x x + F_r r)ᵀz + ½ xᵀ(this)x + ‖r‖².
     pub(crate) state_hessian: Dense,
@@ -86,7 +89,7 @@ pub(crate) fn condense(
         Vec::new()
     };
 
-    let mut origin = Vec::new();
+    let mut origin: Vec<RowOrigin> = Vec::new();
     for step in 0..horizon {
         for row in 0..rows.len() {
             // A state row at step 0 speaks of the measured state alone.
@@ -100,9 +103,21 @@ pub(crate) fn condense(
         None => RowOrigin::Equilibrium { row },
     }));
 
+    let pairs = pair(&mut origin, &opposites(rows));
+
     let mut g = Dense::zeros(origin.len(), variables);
     let mut state_rows = Dense::zeros(origin.len(), n);
     for (k, &from) in origin.iter().enumerate() {
+        // The opposite of the row before, to the last bit.
+        if k < 2 * pairs && k % 2 == 1 {
+            for j in 0..variables {
+                g[(k, j)] = -g[(k - 1, j)];
+            }
+            for j in 0..n {
+                state_rows[(k, j)] = -state_rows[(k - 1, j)];
+            }
+            continue;
+        }
         // The row speaks of e after `stage` predicted steps and `power` steps of the law.
         let (row, stage, power) = match from {
             RowOrigin::Stage { row, step } => (row, step, 0),
@@ -161,6 +176,62 @@ pub(crate) fn condense(
         state_hessian,
         extra,
     })
+}
+
+/// For each constraint row the row that is its opposite, as of symmetric bounds.
+fn opposites(rows: &ConstraintRows) -> Vec<Option<usize>> {
+    let key = |i: usize, sign: f64| -> Vec<(usize, usize, u64)> {
+        let part = |block: usize, m: &SparseMatrix| -> Vec<(usize, usize, u64)> {
+            // 0 and −0 are stored nowhere: a sparse matrix has no zeros.
+            m.row(i)
+                .map(|(j, v)| (block, j, (sign * v).to_bits()))
+                .collect()
+        };
+        let mut key = part(0, &rows.c);
+        key.extend(part(1, &rows.d));
+        key
+    };
+    let known: HashMap<_, usize> = (0..rows.len()).map(|i| (key(i, 1.0), i)).collect();
+    (0..rows.len())
+        .map(|i| known.get(&key(i, -1.0)).copied())
+        .collect()
+}
+
+/// Brings opposite rows together, before all others. Returns the number of pairs.
+fn pair(origin: &mut Vec<RowOrigin>, opposite: &[Option<usize>]) -> usize {
+    let place: HashMap<RowOrigin, usize> =
+        origin.iter().enumerate().map(|(k, &o)| (o, k)).collect();
+    let partner = |from: RowOrigin| {
+        let other = |row: usize| opposite.get(row).copied().flatten();
+        let sought = match from {
+            RowOrigin::Stage { row, step } => RowOrigin::Stage {
+                row: other(row)?,
+                step,
+            },
+            RowOrigin::Terminal { row, step } => RowOrigin::Terminal {
+                row: other(row)?,
+                step,
+            },
+            RowOrigin::Equilibrium { row } => RowOrigin::Equilibrium { row: other(row)? },
+        };
+        place.get(&sought).copied()
+    };
+    let (mut together, mut alone) = (Vec::with_capacity(origin.len()), Vec::new());
+    for (k, &from) in origin.iter().enumerate() {
+        match partner(from) {
+            // Of equal rows only the last is anyone's partner; both must name each other.
+            Some(p) if partner(origin[p]) == Some(k) => {
+                if p > k {
+                    together.extend([from, origin[p]]);
+                }
+            }
+            _ => alone.push(from),
+        }
+    }
+    let pairs = together.len() / 2;
+    together.extend(alone);
+    *origin = together;
+    pairs
 }
 
 /// The rows on (x_N, θ): all that are not spent, or the irredundant ones of the explicit set.

@@ -4,13 +4,13 @@
 //! subsystems, whose rows touch a few neighbours each. Both run the runtime's solvers, and both check every answer.
 
 use super::local_solver::LocalSolver;
-use super::online::{Answer, Limits, OnlineSolver, Program};
+use super::online::{Answer, InputLaw, Limits, OnlineSolver, Program};
 use super::prediction::{RowOrigin, condense};
 use super::terminal_cost::ExtraCost;
 use crate::error::DesignError;
-use crate::linalg::Dense;
+use crate::linalg::{self, Dense};
 use crate::optimization::Failure;
-use crate::problem::Formulation;
+use crate::problem::{Formulation, Task};
 use crate::terminal::TerminalIngredients;
 use std::sync::OnceLock;
 
@@ -60,6 +60,7 @@ impl Regime {
             from_set_point: condensed.from_set_point,
             rows: condensed.rows,
             state_rows: condensed.state_rows,
+            law: Some(input_law(ingredients)),
         };
         Ok(Online {
             solver: Self::Dense(Box::new(OnlineSolver::new(program, inputs, stages)?)),
@@ -114,11 +115,49 @@ impl Regime {
         }
     }
 
+    /// Rows and multipliers that prove the last step infeasible; empty unless it was.
+    pub(crate) fn proof(&self) -> &[(usize, f64)] {
+        match self {
+            Self::Dense(s) => s.proof(),
+            Self::Banded(s) => s.proof(),
+        }
+    }
+
+    /// The dense tables of the runtime and their sizes.
+    pub(crate) fn tables(&self) -> Option<(mpct_runtime::Dims, &[f64])> {
+        match self {
+            Self::Dense(s) => Some(s.tables()),
+            Self::Banded(_) => None,
+        }
+    }
+
     /// Forgets the last solution.
     pub(crate) fn reset(&mut self) {
         match self {
             Self::Dense(s) => s.reset(),
             Self::Banded(s) => s.reset(),
         }
+    }
+}
+
+/// u = K x + L θ + c_0 with L = M_θu − K M_θx, and the rows that speak of the input alone.
+fn input_law(ingredients: &TerminalIngredients) -> InputLaw {
+    let problem = ingredients.problem();
+    let rows = problem.rows();
+    let steady = ingredients.steady_states();
+    let gain = &ingredients.law().gain;
+    let feedforward = match problem.task() {
+        Task::Tracking => {
+            linalg::dense(steady.input_basis()) - gain * linalg::dense(steady.state_basis())
+        }
+        Task::Regulation => Dense::zeros(gain.nrows(), gain.nrows()),
+    };
+    let of_input: Vec<usize> = (0..rows.len())
+        .filter(|&i| rows.c.row(i).len() == 0 && rows.d.row(i).len() > 0)
+        .collect();
+    InputLaw {
+        gain: gain.clone(),
+        feedforward,
+        input_rows: linalg::dense(&rows.d.select_rows(&of_input)),
     }
 }

@@ -74,6 +74,8 @@ pub(crate) struct OffsetCost {
     pub(crate) from_state: Dense,
     /// 2 M_θuᵀ T, m × m.
     pub(crate) from_input: Dense,
+    /// Whether T has a part that only chooses among equilibria with equal states.
+    pub(crate) is_tied: bool,
 }
 
 impl OffsetCost {
@@ -82,7 +84,9 @@ impl OffsetCost {
         let mu = linalg::dense(steady.input_basis());
         let o = linalg::dense(problem.offset_weight());
         let mut t = linalg::dense(problem.offset_input_weight());
-        if let Some(tie) = tie_break(problem, &mx, &mu)? {
+        let tie = tie_break(problem, &mx, &mu)?;
+        let is_tied = tie.is_some();
+        if let Some(tie) = tie {
             t = &t + tie;
         }
         let two = faer::Scale(2.0);
@@ -92,6 +96,7 @@ impl OffsetCost {
             hessian: linalg::symmetrised(&(&from_state * &mx + &from_input * &mu)),
             from_state,
             from_input,
+            is_tied,
         })
     }
 }
@@ -138,10 +143,10 @@ fn tie_break(problem: &Problem, mx: &Dense, mu: &Dense) -> Result<Option<Dense>,
 
 /// ‖x − x_r‖²_W for sparse W.
 pub(crate) fn weighted_square(w: &SparseMatrix, difference: &[f64]) -> f64 {
-    w.mul_vec(difference)
+    difference
         .iter()
-        .zip(difference)
-        .map(|(a, b)| a * b)
+        .enumerate()
+        .map(|(i, d)| d * w.row_dot(i, difference))
         .sum()
 }
 
@@ -155,7 +160,11 @@ fn add(a: &[f64], b: &[f64]) -> Vec<f64> {
 
 /// The closest admissible equilibrium as a program in θ, ready for many set-points.
 pub(crate) struct Equilibria {
-    solver: OnlineSolver,
+    cost: OffsetCost,
+    /// Lower triangular L with L Lᵀ the Hessian of the offset cost.
+    factor: Dense,
+    /// Made when a program must be solved for the first time.
+    solver: Option<OnlineSolver>,
     /// C M_θx + D M_θu.
     rows: SparseMatrix,
     /// Offset cost of going from the operating point to a constraint, the largest over the parameters.
@@ -164,35 +173,133 @@ pub(crate) struct Equilibria {
 
 impl Equilibria {
     pub(crate) fn new(problem: &Problem, steady: &SteadyStates) -> Result<Self, DesignError> {
-        let (n, m) = (problem.plant().states(), problem.plant().inputs());
+        let m = problem.plant().inputs();
         let cost = OffsetCost::of(problem, steady)?;
+        let factor = linalg::cholesky("the offset cost", &cost.hessian)?;
         let constraints = problem.rows();
         let rows = constraints.c.mul(steady.state_basis()).combine(
             1.0,
             &constraints.d.mul(steady.input_basis()),
             1.0,
         );
-        let from_set_point = Dense::from_fn(m, n + m, |i, j| {
-            if j < n {
-                -cost.from_state[(i, j)]
-            } else {
-                -cost.from_input[(i, j - n)]
-            }
-        });
         let unit = (0..m).fold(0.0_f64, |a, i| a.max(0.5 * cost.hessian[(i, i)]));
-        // There is no measured state here: one that is always zero takes its place.
-        let program = Program {
-            hessian: cost.hessian,
-            from_state: Dense::zeros(m, 1),
-            from_set_point,
-            rows: linalg::dense(&rows) * faer::Scale(1.0 / problem.scaling()),
-            state_rows: Dense::zeros(constraints.len(), 1),
-        };
         Ok(Self {
-            solver: OnlineSolver::new(program, m, 0)?,
+            cost,
+            factor,
+            solver: None,
             rows,
             unit,
         })
+    }
+
+    /// The solver of the program min offset cost over θ ∈ λΘ.
+    fn solver(&mut self, problem: &Problem) -> Result<&mut OnlineSolver, DesignError> {
+        if self.solver.is_none() {
+            let (n, m) = (problem.plant().states(), problem.plant().inputs());
+            let cost = &self.cost;
+            // There is no measured state here: one that is always zero takes its place.
+            let program = Program {
+                hessian: cost.hessian.clone(),
+                from_state: Dense::zeros(m, 1),
+                from_set_point: Dense::from_fn(m, n + m, |i, j| {
+                    if j < n {
+                        -cost.from_state[(i, j)]
+                    } else {
+                        -cost.from_input[(i, j - n)]
+                    }
+                }),
+                rows: linalg::dense(&self.rows) * faer::Scale(1.0 / problem.scaling()),
+                state_rows: Dense::zeros(problem.rows().len(), 1),
+                law: None,
+            };
+            self.solver = Some(OnlineSolver::new(program, m, 0)?);
+        }
+        self.solver.as_mut().ok_or_else(|| DesignError::Solver {
+            what: "the closest admissible equilibrium".into(),
+            detail: "no solver".into(),
+        })
+    }
+
+    /// Whether a set-point is admissible, as [`Equilibria::closest`] says, mostly without its program.
+    ///
+    /// Let θ_r be the minimum of the offset cost without constraints, d its cost, and ε the cost that counts as zero. Every
+    /// θ costs d + ½ (θ − θ_r)ᵀH(θ − θ_r). So: if d > ε, no. If θ_r ∈ λΘ, it is the closest, and d ≤ ε says yes. Otherwise the
+    /// answer costs at least d + ½ v²/(a H⁻¹ aᵀ) for a row a that θ_r violates by v: if this exceeds ε, no. It costs at most as
+    /// much as the point where the way from 0 to θ_r leaves λΘ: if that is below ε, yes. Between these the program is solved, and
+    /// also where equilibria with equal states leave a choice, which H weighs and the offset cost does not.
+    pub(crate) fn is_admissible(
+        &mut self,
+        problem: &Problem,
+        steady: &SteadyStates,
+        set_point: &SetPoint,
+    ) -> Result<bool, DesignError> {
+        let plant = problem.plant();
+        let (n, m) = (plant.states(), plant.inputs());
+        check_vector("set-point state", &set_point.state, n)?;
+        let at = plant.operating_point();
+        let xr = subtract(&set_point.state, &at.state);
+        let ur = match &set_point.input {
+            Some(u) => {
+                check_vector("set-point input", u, m)?;
+                subtract(u, &at.input)
+            }
+            None => vec![0.0; m],
+        };
+        let mut theta = Dense::zeros(m, 1);
+        for (from, v) in [(&self.cost.from_state, &xr), (&self.cost.from_input, &ur)] {
+            for (j, &vj) in v.iter().enumerate().filter(|(_, v)| **v != 0.0) {
+                for i in 0..m {
+                    theta[(i, 0)] += from[(i, j)] * vj;
+                }
+            }
+        }
+        self.factor
+            .as_ref()
+            .solve_lower_triangular_in_place(theta.as_mut());
+        self.factor
+            .transpose()
+            .solve_upper_triangular_in_place(theta.as_mut());
+        let theta: Vec<f64> = theta.col(0).iter().copied().collect();
+        let offset = |theta: &[f64]| {
+            let dx = subtract(&steady.state_basis().mul_vec(theta), &xr);
+            let du = subtract(&steady.input_basis().mul_vec(theta), &ur);
+            weighted_square(problem.offset_weight(), &dx)
+                + weighted_square(problem.offset_input_weight(), &du)
+        };
+        let size = weighted_square(problem.offset_weight(), &xr)
+            + weighted_square(problem.offset_input_weight(), &ur);
+        let zero = ADMISSIBLE * size.max(self.unit);
+        let free = offset(&theta);
+        if !(free <= zero) {
+            return Ok(false);
+        }
+        let scaling = problem.scaling();
+        let worst = (0..self.rows.rows())
+            .map(|i| (i, self.rows.row_dot(i, &theta)))
+            .fold((0, 0.0), |a, b| if b.1 > a.1 { b } else { a });
+        if worst.1 <= scaling {
+            return Ok(true);
+        }
+        if self.cost.is_tied {
+            return Ok(self.closest(problem, steady, set_point)?.admissible);
+        }
+        let mut reach = Dense::zeros(m, 1);
+        for (j, v) in self.rows.row(worst.0) {
+            reach[(j, 0)] = v;
+        }
+        self.factor
+            .as_ref()
+            .solve_lower_triangular_in_place(reach.as_mut());
+        let reach: f64 = reach.col(0).iter().map(|v| v * v).sum();
+        let excess = worst.1 - scaling;
+        if free + 0.5 * excess * excess / reach > zero {
+            return Ok(false);
+        }
+        let inside: Vec<f64> = theta.iter().map(|t| t * scaling / worst.1).collect();
+        if offset(&inside) <= zero {
+            return Ok(true);
+        }
+        Ok(self.closest(problem, steady, set_point)?.admissible)
     }
 
     pub(crate) fn closest(
@@ -214,7 +321,7 @@ impl Equilibria {
         };
         let r: Vec<f64> = xr.iter().chain(&ur).copied().collect();
         let solution = self
-            .solver
+            .solver(problem)?
             .solve(&[0.0], &r, Limits::default())
             .map_err(|failure| DesignError::Solver {
                 what: "the closest admissible equilibrium".into(),
@@ -293,12 +400,21 @@ mod tests {
             ([50.0, -30.0], false),
             ([0.0, 0.0], true),
             ([1e6, 1e6], false),
+            // On the border of λΘ, within it by rounding, and beyond what counts as zero.
+            ([2.7, 0.0], true),
+            ([2.7 * (1.0 + 1e-15), 0.0], true),
+            ([2.7 * (1.0 + 1e-9), 0.0], true),
+            ([2.7 * (1.0 + 1e-6), 0.0], false),
             ([1.0, 0.1], true),
             ([0.0, 0.0], true),
         ] {
             let set_point = SetPoint::state(state);
             let found = equilibria.closest(&problem, &steady, &set_point).unwrap();
             assert_eq!(found.admissible, admissible, "{found:?}");
+            assert_eq!(
+                equilibria.is_admissible(&problem, &steady, &set_point),
+                Ok(admissible)
+            );
             let fresh = steady.closest_admissible(&problem, &set_point).unwrap();
             for (a, b) in found.state.iter().zip(&fresh.state) {
                 assert!((a - b).abs() < 1e-9, "{found:?} {fresh:?}");

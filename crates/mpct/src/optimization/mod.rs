@@ -2,9 +2,11 @@
 //! a library, checked by us.
 
 mod body;
+mod checker;
 mod qp;
 pub(crate) mod verify;
 pub(crate) mod verify_pairs;
 
 pub(crate) use body::{Ball, Body, BodyFailure, add_product, dot, norm};
+pub(crate) use checker::Checker;
 pub(crate) use qp::{Failure, PreparedQp};

@@ -26,7 +26,6 @@ const POLISH_SHIFT: f64 = 1e-10;
 pub(crate) struct QpSolution {
     pub(crate) z: Vec<f64>,
     /// Multipliers ≥ 0 of the rows.
-    #[allow(dead_code)]
     pub(crate) y: Vec<f64>,
     pub(crate) iterations: usize,
 }

@@ -7,8 +7,8 @@ use crate::matrix::SparseMatrix;
 pub(crate) struct Pairs<'a> {
     pub(crate) rows: &'a SparseMatrix,
     pub(crate) from_state: Vec<f64>,
-    pub(crate) upper: Vec<f64>,
-    pub(crate) lower: Vec<f64>,
+    pub(crate) upper: &'a [f64],
+    pub(crate) lower: &'a [f64],
 }
 
 /// The larger one; NaN wins.
@@ -31,9 +31,10 @@ pub(crate) fn residuals(
     let (mut primal, mut slackness) = (0.0_f64, 0.0_f64);
     let mut gty = vec![0.0; z.len()];
     for i in 0..y.len() {
+        let (columns, values) = pairs.rows.row_slices(i);
         let mut value = pairs.from_state[i];
-        for (j, g) in pairs.rows.row(i) {
-            value += g * z[j];
+        for (&j, &g) in columns.iter().zip(values) {
+            value += g * z[j as usize];
         }
         let (above, below) = (value - pairs.upper[i], -value - pairs.lower[i]);
         // A row is written with right-hand side 1, its violation in units of that.
@@ -114,8 +115,8 @@ mod tests {
         let pairs = Pairs {
             rows: &one,
             from_state: vec![0.0],
-            upper: vec![1.0],
-            lower: vec![1.0],
+            upper: &[1.0],
+            lower: &[1.0],
         };
         let at = |z: f64, y: f64| residuals(&one, &[-2.0], &pairs, &[z], &[y]);
         assert!(at(1.0, 1.0).within(1e-15));
@@ -133,8 +134,8 @@ mod tests {
         let pairs = Pairs {
             rows: &rows,
             from_state: vec![0.0, -3.0],
-            upper: vec![1.0, f64::INFINITY],
-            lower: vec![f64::INFINITY, 1.0],
+            upper: &[1.0, f64::INFINITY],
+            lower: &[f64::INFINITY, 1.0],
         };
         // −(z − 3) ≤ 1 is z ≥ 2.
         assert!(farkas(&pairs, &[1.0, -1.0]).is_some_and(|p| p.radius == f64::INFINITY));
