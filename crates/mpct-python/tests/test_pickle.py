@@ -19,11 +19,11 @@ def test_pickle(problem, design, controller):
     again = pickle.loads(pickle.dumps(design))
     assert again.terminal_horizon == 5
     np.testing.assert_array_equal(again.gain, design.gain)
-    x, target = [0.5, 0.1], [2, 0.5]
+    x, set_point = [0.5, 0.1], [2, 0.5]
     controller.reset()
-    np.testing.assert_array_equal(pickle.loads(pickle.dumps(controller)).step(x, target).u, controller.step(x, target).u)
+    np.testing.assert_array_equal(pickle.loads(pickle.dumps(controller)).step(x, set_point).u, controller.step(x, set_point).u)
     with pytest.raises(mpct.StepError) as error:
-        controller.step([0], target)
+        controller.step([0], set_point)
     restored = pickle.loads(pickle.dumps(error.value))
     assert (restored.kind, restored.found, str(restored)) == (error.value.kind, 1, str(error.value))
 

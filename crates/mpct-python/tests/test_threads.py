@@ -133,3 +133,37 @@ def test_a_failing_watcher_ends_the_design():
 
 def test_designs_in_threads():
     assert threads_agree(lambda: [academic_problem(scaling=s).design().terminal_horizon for s in (0.5, 0.9, 0.99)])
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+@pytest.mark.parametrize(
+    "work",
+    [
+        "mpct.reproduce('standard')",
+        "mpct.DomainOfAttraction(problem.design().controller()).projection()",
+        "mpct.campaign(problem, {'horizon': range(1, 5000)}, processes=1)",
+    ],
+)
+def test_interrupt_of_other_long_work(work):
+    code = f"""
+import mpct
+problem = mpct.example("carts", 40).problem
+print("ready", flush=True)
+try:
+    {work}
+    print("done")
+except KeyboardInterrupt:
+    print("interrupted", flush=True)
+"""
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout.readline() == "ready\n"
+        time.sleep(0.7)
+        started = time.monotonic()
+        process.send_signal(signal.SIGINT)
+        out, _ = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert out == "interrupted\n"
+    assert time.monotonic() - started < 10
+    assert process.returncode == 0

@@ -6,6 +6,8 @@ import sys
 import time
 from collections.abc import Callable
 
+from ._errors import argument_type
+
 _WIDTH = 24
 _DELAY = 0.5
 _PERIOD = 0.1
@@ -58,4 +60,8 @@ def watcher(
     """Who is told of progress: what was handed in, a bar, or nobody."""
     if progress is None or progress is True:
         return Bar(name, text) if progress or _interactive() else None
-    return None if progress is False else progress
+    if progress is False:
+        return None
+    if not callable(progress):
+        raise argument_type("progress", "a function of three numbers, True, False or None", repr(progress))
+    return progress
