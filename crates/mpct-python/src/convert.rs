@@ -247,9 +247,10 @@ pub fn to_array(py: Python<'_>, v: Vec<f64>) -> Bound<'_, PyArray1<f64>> {
     PyArray1::from_vec(py, v)
 }
 
-/// A dense matrix for Python.
+/// A dense matrix for Python, without a copy.
 pub fn to_array2(py: Python<'_>, m: Matrix) -> PyResult<Bound<'_, PyArray2<f64>>> {
-    PyArray1::from_slice(py, m.as_slice()).reshape([m.rows(), m.cols()])
+    let shape = [m.rows(), m.cols()];
+    to_array(py, m.into_vec()).reshape(shape)
 }
 
 /// A sparse matrix for Python, dense there.

@@ -34,15 +34,19 @@ def _pyplot() -> Any:
 
 
 def _label(names: Sequence[str], units: Sequence[str], symbol: str, i: int) -> str:
-    name = names[i] if i < len(names) and names[i] else f"${symbol}_{{{i}}}$"
+    name = names[i] if i < len(names) and names[i] else f"${symbol}_{{{i + 1}}}$"
     unit = f" [{units[i]}]" if i < len(units) and units[i] else ""
     return name + unit
 
 
-def _chosen(what: str, chosen: Sequence[int | str] | None, count: int, names: Sequence[str]) -> list[int]:
+def _chosen(
+    what: str, chosen: Sequence[int | str] | None, count: int, symbol: str, known: Sequence[str]
+) -> list[int]:
     if chosen is None:
         return list(range(min(count, MOST)))
-    expected = f"a list of numbers from 0 to {count - 1}" + (f", or of names among {', '.join(names)}" if names else "")
+    # Without names they are called as in reports.
+    names = list(known) or [f"{symbol}{i + 1}" for i in range(count)]
+    expected = f"a list of numbers from 0 to {count - 1}, or of names among {', '.join(names[:40])}"
     found = []
     for item in listed(chosen, what, expected):
         if isinstance(item, str) and item in names:
@@ -77,9 +81,8 @@ def trajectories(
     matplotlib.figure.Figure
     """
     plant = run.problem.plant if run.problem is not None else None
-    names = (plant.state_names, plant.input_names) if plant is not None else ([], [])
-    states = _chosen("states", states, run.x.shape[1], names[0])
-    inputs = _chosen("inputs", inputs, run.u.shape[1], names[1])
+    states = _chosen("states", states, run.x.shape[1], "x", plant.state_names if plant is not None else [])
+    inputs = _chosen("inputs", inputs, run.u.shape[1], "u", plant.input_names if plant is not None else [])
     rows = len(states) + len(inputs)
     if rows == 0 or len(run) == 0:
         raise argument("states, inputs", "a signal to draw, over at least one step", "none")
@@ -103,11 +106,11 @@ def trajectories(
 
     for ax, i in zip(axes, states):
         limits = [side[i] for side in run.problem.state] if run.problem is not None else []
-        label = _label(plant.state_names, plant.state_units, "x", i) if plant is not None else f"$x_{{{i}}}$"
+        label = _label(plant.state_names, plant.state_units, "x", i) if plant is not None else f"$x_{{{i + 1}}}$"
         draw(ax, run.x[:, i], run.artificial_state[:, i], run.setpoint[:, i], limits, label, False)
     for ax, i in zip(axes[len(states) :], inputs):
         limits = [side[i] for side in run.problem.input] if run.problem is not None else []
-        label = _label(plant.input_names, plant.input_units, "u", i) if plant is not None else f"$u_{{{i}}}$"
+        label = _label(plant.input_names, plant.input_units, "u", i) if plant is not None else f"$u_{{{i + 1}}}$"
         draw(ax, run.u[:, i], run.artificial_input[:, i], None, limits, label, True)
     axes[0].legend(loc="best", fontsize="small")
     axes[-1].set_xlabel("time [s]" if dt else "step")
@@ -134,8 +137,8 @@ def polygon(outline: Polygon, *, ax: Axes | None = None, **style: Any) -> Axes:
         ax = _pyplot().subplots()[1]
     ax.fill(outline.vertices[:, 0], outline.vertices[:, 1], **{"alpha": 0.4, **style})
     i, j = outline.coordinates
-    ax.set_xlabel(ax.get_xlabel() or f"$x_{{{i}}}$")
-    ax.set_ylabel(ax.get_ylabel() or f"$x_{{{j}}}$")
+    ax.set_xlabel(ax.get_xlabel() or f"$x_{{{i + 1}}}$")
+    ax.set_ylabel(ax.get_ylabel() or f"$x_{{{j + 1}}}$")
     ax.grid(True, alpha=0.3)
     return ax
 
