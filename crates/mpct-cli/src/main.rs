@@ -5,7 +5,6 @@ mod commands;
 mod failure;
 mod interrupt;
 mod output;
-mod report;
 
 use arguments::{Arguments, Command};
 use clap::Parser;

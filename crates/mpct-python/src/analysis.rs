@@ -3,10 +3,12 @@
 use crate::controller::PyController;
 use crate::convert;
 use crate::errors;
+use crate::interrupt;
 use mpct::DesignError;
 use mpct::analysis::{DomainOfAttraction, Membership, Polygon};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use std::sync::Arc;
 
 /// A polygon for Python.
 pub fn polygon<'py>(py: Python<'py>, polygon: Polygon) -> PyResult<Bound<'py, PyAny>> {
@@ -61,7 +63,7 @@ fn membership<'py>(py: Python<'py>, found: Membership) -> PyResult<Bound<'py, Py
 /// 3.0
 #[pyclass(frozen, name = "DomainOfAttraction", module = "mpct")]
 pub struct PyDomainOfAttraction {
-    inner: DomainOfAttraction,
+    inner: Arc<DomainOfAttraction>,
     controller: Py<PyController>,
 }
 
@@ -70,7 +72,7 @@ impl PyDomainOfAttraction {
     #[new]
     fn new(py: Python<'_>, controller: Py<PyController>) -> Self {
         let known = controller.get();
-        let inner = py.detach(|| DomainOfAttraction::of(&known.lock()));
+        let inner = py.detach(|| Arc::new(DomainOfAttraction::of(&known.lock())));
         Self { inner, controller }
     }
 
@@ -141,15 +143,13 @@ impl PyDomainOfAttraction {
     fn projection<'py>(
         &self,
         py: Python<'py>,
-        coordinates: (i64, i64),
+        #[pyo3(from_py_with = convert::coordinates)] coordinates: (usize, usize),
         tolerance: Option<f64>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let coordinates = convert::coordinates(py, coordinates)?;
         let tolerance = tolerance.unwrap_or(mpct::analysis::OUTLINE);
-        polygon(
-            py,
-            work(py, || self.inner.projection_within(coordinates, tolerance))?,
-        )
+        let domain = Arc::clone(&self.inner);
+        let outline = long_work(py, move || domain.projection_within(coordinates, tolerance))?;
+        polygon(py, outline)
     }
 
     /// The section through a state: the pairs that are in the domain while the other states stay as they are.
@@ -169,11 +169,12 @@ impl PyDomainOfAttraction {
         &self,
         py: Python<'py>,
         state: &Bound<'py, PyAny>,
-        coordinates: (i64, i64),
+        #[pyo3(from_py_with = convert::coordinates)] coordinates: (usize, usize),
     ) -> PyResult<Bound<'py, PyAny>> {
-        let coordinates = convert::coordinates(py, coordinates)?;
         let state = convert::vector("state", state)?;
-        polygon(py, work(py, || self.inner.section(&state, coordinates))?)
+        let domain = Arc::clone(&self.inner);
+        let outline = long_work(py, move || domain.section(&state, coordinates))?;
+        polygon(py, outline)
     }
 
     fn __repr__(&self) -> &'static str {
@@ -187,7 +188,15 @@ impl PyDomainOfAttraction {
     }
 }
 
-/// Work on a design without the GIL.
+/// Work on a design that may take long: Ctrl-C returns at once.
+pub fn long_work<T: Send + 'static>(
+    py: Python<'_>,
+    of: impl FnOnce() -> Result<T, DesignError> + Send + 'static,
+) -> PyResult<T> {
+    interrupt::leave(py, |_| of())?.map_err(|e| errors::design(py, &e))
+}
+
+/// Work on a design without the GIL, too short for a thread of its own.
 pub fn work<T: Send>(
     py: Python<'_>,
     of: impl FnOnce() -> Result<T, DesignError> + Send,

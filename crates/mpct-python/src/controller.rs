@@ -1,5 +1,6 @@
 //! `mpct.Controller`.
 
+use crate::analysis;
 use crate::convert;
 use crate::design::PyDesign;
 use crate::errors;
@@ -43,8 +44,9 @@ impl PyController {
     /// The controller of a design, made without the GIL.
     pub fn of(py: Python<'_>, design: &PyDesign, formulation: Formulation) -> PyResult<Controller> {
         let ingredients = design.inner.clone();
-        py.detach(|| Controller::with_formulation(ingredients, formulation))
-            .map_err(|e| errors::design(py, &e))
+        analysis::long_work(py, move || {
+            Controller::with_formulation(ingredients, formulation)
+        })
     }
 
     /// Another controller of the same design.
@@ -175,14 +177,11 @@ impl PyController {
     fn set_limits(
         &self,
         py: Python<'_>,
-        iterations: Option<i64>,
+        #[pyo3(from_py_with = convert::whole::iterations)] iterations: Option<usize>,
         seconds: Option<f64>,
     ) -> PyResult<()> {
         let time = search::seconds(py, "seconds", seconds)?;
-        let iterations = iterations
-            .map(|i| convert::whole(py, "iterations", i))
-            .transpose()?
-            .map(|i| u32::try_from(i).unwrap_or(u32::MAX));
+        let iterations = iterations.map(|i| u32::try_from(i).unwrap_or(u32::MAX));
         py.detach(|| self.lock().set_limits(iterations, time));
         Ok(())
     }

@@ -110,31 +110,115 @@ pub fn matrix(what: &str, value: &Bound<'_, PyAny>) -> PyResult<Matrix> {
     }
 }
 
-/// A whole number ≥ 0; Python's own conversion would refuse a negative one without saying which it is.
-pub fn whole(py: Python<'_>, what: &str, value: i64) -> PyResult<usize> {
-    usize::try_from(value)
-        .map_err(|_| errors::argument(py, what, "a whole number >= 0", &value.to_string()))
-}
-
-/// The same of anything that Python takes as an index.
+/// Anything that Python takes as an index, ≥ 0; Python's own conversion would not say which argument it refuses.
 pub fn whole_of(what: &str, value: &Bound<'_, PyAny>) -> PyResult<usize> {
+    let py = value.py();
     let expected = "a whole number >= 0";
-    let found = || value.repr().map_or_else(|_| "?".into(), |r| r.to_string());
-    match value.extract::<i64>() {
-        Ok(number) if !value.is_instance_of::<PyBool>() => whole(value.py(), what, number),
-        Err(error) if error.is_instance_of::<PyOverflowError>(value.py()) => {
-            Err(errors::argument(value.py(), what, expected, &found()))
-        }
-        _ => Err(errors::argument_type(value.py(), what, expected, &found())),
+    let known = value.extract::<i64>();
+    let too_large = |e: &PyErr| e.is_instance_of::<PyOverflowError>(py);
+    match &known {
+        Ok(number) if *number >= 0 && !value.is_instance_of::<PyBool>() => Ok(*number as usize),
+        Ok(_) if value.is_instance_of::<PyBool>() => Err(errors::argument_type(
+            py,
+            what,
+            expected,
+            &shown_value(value),
+        )),
+        Err(error) if !too_large(error) => Err(errors::argument_type(
+            py,
+            what,
+            expected,
+            &shown_value(value),
+        )),
+        _ => Err(errors::argument(py, what, expected, &shown_value(value))),
     }
 }
 
+/// A value as Python shows it.
+fn shown_value(value: &Bound<'_, PyAny>) -> String {
+    value.repr().map_or_else(|_| "?".into(), |r| r.to_string())
+}
+
+/// Whole numbers by the name of their argument, for `from_py_with`.
+pub mod whole {
+    use super::whole_of;
+    use pyo3::prelude::*;
+
+    macro_rules! arguments {
+        ($($name:ident),*) => { $(
+            pub fn $name(value: &Bound<'_, PyAny>) -> PyResult<usize> {
+                whole_of(stringify!($name), value)
+            }
+        )* };
+    }
+    arguments!(horizon, max_horizon, count);
+
+    macro_rules! optional_arguments {
+        ($($function:ident = $name:literal),*) => { $(
+            pub fn $function(value: &Bound<'_, PyAny>) -> PyResult<Option<usize>> {
+                if value.is_none() { Ok(None) } else { whole_of($name, value).map(Some) }
+            }
+        )* };
+    }
+    optional_arguments!(
+        optional_horizon = "horizon",
+        horizon_extension = "horizon_extension",
+        iterations = "iterations"
+    );
+}
+
+/// The items of a pair, for which `expected` stands in messages.
+fn pair<'py>(
+    what: &str,
+    value: &Bound<'py, PyAny>,
+    expected: &str,
+) -> PyResult<[Bound<'py, PyAny>; 2]> {
+    let wrong = |found: String| errors::argument_type(value.py(), what, expected, &found);
+    if value.is_instance_of::<PyString>() {
+        return Err(wrong(shown_value(value)));
+    }
+    let items: Vec<Bound<'py, PyAny>> = value
+        .try_iter()
+        .map_err(|_| wrong(value.get_type().to_string()))?
+        .collect::<PyResult<_>>()?;
+    items
+        .try_into()
+        .map_err(|items: Vec<_>| wrong(format!("{} items", items.len())))
+}
+
 /// Two coordinates.
-pub fn coordinates(py: Python<'_>, pair: (i64, i64)) -> PyResult<(usize, usize)> {
-    Ok((
-        whole(py, "coordinates", pair.0)?,
-        whole(py, "coordinates", pair.1)?,
-    ))
+pub fn coordinates(value: &Bound<'_, PyAny>) -> PyResult<(usize, usize)> {
+    let what = "coordinates";
+    let [first, second] = pair(what, value, "two states, such as (0, 1)")?;
+    Ok((whole_of(what, &first)?, whole_of(what, &second)?))
+}
+
+/// An operating point, when stated.
+pub fn operating_point(value: &Bound<'_, PyAny>) -> PyResult<Option<(Vec<f64>, Vec<f64>)>> {
+    if value.is_none() {
+        return Ok(None);
+    }
+    let [x, u] = pair("operating_point", value, "a pair (state, input)")?;
+    Ok(Some((
+        vector("operating_point state", &x)?,
+        vector("operating_point input", &u)?,
+    )))
+}
+
+/// A list of texts, empty when not stated.
+pub fn texts(what: &str, value: Option<&Bound<'_, PyAny>>) -> PyResult<Vec<String>> {
+    let Some(value) = value else {
+        return Ok(Vec::new());
+    };
+    let wrong = || errors::argument_type(value.py(), what, "a list of texts", &shown_value(value));
+    if value.is_instance_of::<PyString>() {
+        return Err(wrong());
+    }
+    value
+        .try_iter()
+        .map_err(|_| wrong())?
+        .map(|item| item?.extract().map_err(|_| wrong()))
+        .collect()
 }
 
 /// A pair of limits; `None` in place of a limit, or of the pair, leaves the side open.
@@ -147,20 +231,7 @@ pub fn limits(
     let Some(value) = value else {
         return Ok((open(-1.0), open(1.0)));
     };
-    let wrong = || {
-        let found = value.get_type().to_string();
-        errors::argument_type(value.py(), what, "a pair (lower, upper)", &found)
-    };
-    if value.is_instance_of::<PyString>() {
-        return Err(wrong());
-    }
-    let items: Vec<Bound<'_, PyAny>> = value
-        .try_iter()
-        .map_err(|_| wrong())?
-        .collect::<PyResult<_>>()?;
-    let [lower, upper] = items.as_slice() else {
-        return Err(wrong());
-    };
+    let [lower, upper] = pair(what, value, "a pair (lower, upper)")?;
     let side = |name: &str, item: &Bound<'_, PyAny>, sign: f64| {
         if item.is_none() {
             Ok(open(sign))
@@ -168,7 +239,7 @@ pub fn limits(
             vector_or_number(&format!("{what} {name}"), item, len)
         }
     };
-    Ok((side("lower", lower, -1.0)?, side("upper", upper, 1.0)?))
+    Ok((side("lower", &lower, -1.0)?, side("upper", &upper, 1.0)?))
 }
 
 /// A vector for Python, without a copy.
@@ -176,9 +247,10 @@ pub fn to_array(py: Python<'_>, v: Vec<f64>) -> Bound<'_, PyArray1<f64>> {
     PyArray1::from_vec(py, v)
 }
 
-/// A dense matrix for Python.
+/// A dense matrix for Python, without a copy.
 pub fn to_array2(py: Python<'_>, m: Matrix) -> PyResult<Bound<'_, PyArray2<f64>>> {
-    PyArray1::from_slice(py, m.as_slice()).reshape([m.rows(), m.cols()])
+    let shape = [m.rows(), m.cols()];
+    to_array(py, m.into_vec()).reshape(shape)
 }
 
 /// A sparse matrix for Python, dense there.

@@ -1,5 +1,6 @@
 //! `mpct.Design`.
 
+use crate::analysis;
 use crate::controller::{self, PyController};
 use crate::convert;
 use crate::errors;
@@ -7,7 +8,9 @@ use crate::names;
 use crate::problem::PyProblem;
 use crate::search::Search;
 use mpct::certificate::Certificate;
-use mpct::{ImplicitTerminalCost, Problem, SteadyStates, TerminalIngredients};
+use mpct::{
+    ImplicitTerminalCost, MaximalAdmissibleSet, Problem, SteadyStates, TerminalIngredients,
+};
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
@@ -73,6 +76,13 @@ pub fn steady_state_basis<'py>(
         .map(|i| x.row(i))
         .chain((0..u.rows()).map(|i| u.row(i)));
     convert::rows_to_array2(py, u.cols(), rows)
+}
+
+impl PyDesign {
+    fn explicit_set(&self, py: Python<'_>) -> PyResult<MaximalAdmissibleSet> {
+        let inner = self.inner.clone();
+        analysis::long_work(py, move || inner.maximal_admissible_set())
+    }
 }
 
 #[pymethods]
@@ -160,13 +170,31 @@ impl PyDesign {
         &self,
         py: Python<'py>,
     ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>)> {
-        let set = py
-            .detach(|| self.inner.maximal_admissible_set())
-            .map_err(|e| errors::design(py, &e))?;
+        let set = self.explicit_set(py)?;
         Ok((
             convert::sparse_to_array2(py, set.rows())?,
             convert::to_array(py, vec![1.0; set.len()]),
         ))
+    }
+
+    /// The explicit terminal set, with where each of its rows comes from.
+    ///
+    /// Returns
+    /// -------
+    /// MaximalAdmissibleSet
+    fn maximal_admissible_set<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let set = self.explicit_set(py)?;
+        let sources = &self.inner.problem().rows().source;
+        let origin: Vec<(String, Option<usize>)> = (0..set.len())
+            .map(|k| set.origin(k))
+            .map(|(row, step)| (sources[row].to_string(), step))
+            .collect();
+        let fields = PyDict::new(py);
+        fields.set_item("G", convert::sparse_to_array2(py, set.rows())?)?;
+        fields.set_item("g", convert::to_array(py, vec![1.0; set.len()]))?;
+        fields.set_item("states", set.states())?;
+        fields.set_item("origin", origin)?;
+        convert::result(py, "MaximalAdmissibleSet", &fields)
     }
 
     /// A controller.
@@ -204,13 +232,13 @@ impl PyDesign {
     fn terminal_set_outline<'py>(
         &self,
         py: Python<'py>,
-        coordinates: (i64, i64),
+        #[pyo3(from_py_with = convert::coordinates)] coordinates: (usize, usize),
     ) -> PyResult<Bound<'py, PyAny>> {
-        let coordinates = convert::coordinates(py, coordinates)?;
-        let polygon = py
-            .detach(|| mpct::analysis::terminal_set(&self.inner, coordinates))
-            .map_err(|e| errors::design(py, &e))?;
-        crate::analysis::polygon(py, polygon)
+        let inner = self.inner.clone();
+        let polygon = analysis::long_work(py, move || {
+            mpct::analysis::terminal_set(&inner, coordinates)
+        })?;
+        analysis::polygon(py, polygon)
     }
 
     /// A proof of the design that `verify` checks with code that shares nothing with the search.
@@ -220,8 +248,8 @@ impl PyDesign {
     /// str
     ///     JSON, as ``mpct design --certificate`` writes it.
     fn certificate(&self, py: Python<'_>) -> PyResult<String> {
-        py.detach(|| Certificate::of(&self.inner).map(|c| c.to_json()))
-            .map_err(|e| errors::design(py, &e))
+        let inner = self.inner.clone();
+        analysis::long_work(py, move || Certificate::of(&inner).map(|c| c.to_json()))
     }
 
     /// The implicit terminal cost of remark 2 for this M̃.
@@ -230,9 +258,8 @@ impl PyDesign {
     /// -------
     /// ImplicitTerminalCost
     fn implicit_terminal_cost<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let cost = py
-            .detach(|| ImplicitTerminalCost::of(&self.inner))
-            .map_err(|e| errors::design(py, &e))?;
+        let inner = self.inner.clone();
+        let cost = analysis::long_work(py, move || ImplicitTerminalCost::of(&inner))?;
         let fields = PyDict::new(py);
         fields.set_item("epsilon", cost.epsilon())?;
         fields.set_item("weight", convert::sparse_to_array2(py, &cost.weight())?)?;

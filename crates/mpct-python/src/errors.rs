@@ -1,5 +1,6 @@
 //! Errors as Python exceptions: one class for each enum of the library, one for arguments.
 
+use mpct::analysis::reproduce::ReproductionError;
 use mpct::certificate::VerifyError;
 use mpct::{DesignError, FileError, SimulationError, StepError};
 use pyo3::prelude::*;
@@ -125,9 +126,47 @@ fn design_fields<'py>(py: Python<'py>, error: &DesignError) -> (&'static str, Bo
     }
 }
 
+/// What would help, as the command says it, in the words of Python's arguments.
+fn design_help(error: &DesignError) -> Option<&'static str> {
+    use DesignError as E;
+    match error {
+        E::NotSymmetric { .. } => Some("replace the weight W by (W + W.T) / 2"),
+        E::NotPositiveDefinite { .. } => {
+            Some("give every state and input a weight > 0, however small")
+        }
+        E::NotStabilizable { .. } => {
+            Some("add an input that reaches this mode, or leave the mode out of the model")
+        }
+        E::NotSchur { .. } => Some(
+            "leave gain out for that of the linear quadratic regulator; the law is u = K x, with a plus",
+        ),
+        E::Interrupted { .. } => Some("allow more time with time_limit, or none without it"),
+        _ => None,
+    }
+}
+
+/// What would help after a step failed.
+fn step_help(error: &StepError) -> Option<&'static str> {
+    match error {
+        StepError::Infeasible { .. } => {
+            Some("start closer to an equilibrium, or design with a longer horizon")
+        }
+        _ => None,
+    }
+}
+
+/// The fields, and what would help as one of them.
+fn helped<'py>(fields: Bound<'py, PyDict>, help: Option<&str>) -> Bound<'py, PyDict> {
+    if let Some(help) = help {
+        let _ = fields.set_item("help", help);
+    }
+    fields
+}
+
 /// `mpct.DesignError`.
 pub fn design(py: Python<'_>, error: &DesignError) -> PyErr {
     let (kind, fields) = design_fields(py, error);
+    let fields = helped(fields, design_help(error));
     exception(py, "DesignError", error.to_string(), kind, &fields)
 }
 
@@ -165,6 +204,7 @@ fn step_fields<'py>(py: Python<'py>, error: &StepError) -> (&'static str, Bound<
 /// `mpct.StepError`.
 pub fn step(py: Python<'_>, error: &StepError) -> PyErr {
     let (kind, fields) = step_fields(py, error);
+    let fields = helped(fields, step_help(error));
     exception(py, "StepError", error.to_string(), kind, &fields)
 }
 
@@ -233,6 +273,16 @@ pub fn file(py: Python<'_>, error: &FileError) -> PyErr {
         E::Problem(error) => return design(py, error),
         _ => ("other", fields!(py)),
     };
+    let help = match error {
+        E::TooLarge { .. } => {
+            Some("write matrices with many zeros in sparse form, and large dense ones as CSV files")
+        }
+        E::NotText { .. } => {
+            Some("mpct.example('academic').to_toml() is the text of a problem file")
+        }
+        _ => None,
+    };
+    let fields = helped(fields, help);
     exception(py, "FileError", error.to_string(), kind, &fields)
 }
 
@@ -245,7 +295,12 @@ pub fn simulation(py: Python<'_>, error: &SimulationError) -> PyErr {
             "SimulationError",
             error.to_string(),
             "initial_state",
-            &fields!(py, row = row.to_string(), violation = violation),
+            &fields!(
+                py,
+                row = row.to_string(),
+                violation = violation,
+                help = "start inside the constraints, or widen that bound"
+            ),
         ),
         SimulationError::Interrupted { run } => {
             match crate::simulation::run_to_python(py, run, None) {
@@ -265,6 +320,7 @@ pub fn simulation(py: Python<'_>, error: &SimulationError) -> PyErr {
             run,
         } => {
             let (kind, fields) = step_fields(py, cause);
+            let fields = helped(fields, step_help(cause));
             let known = crate::simulation::run_to_python(py, run, None)
                 .and_then(|run| fields.set_item("run", run))
                 .and_then(|()| fields.set_item("step", step));
@@ -280,6 +336,16 @@ pub fn simulation(py: Python<'_>, error: &SimulationError) -> PyErr {
             "other",
             &fields!(py),
         ),
+    }
+}
+
+/// Whatever stopped a reproduction of the paper's section 4.
+pub fn reproduction(py: Python<'_>, error: &ReproductionError) -> PyErr {
+    match error {
+        ReproductionError::Design(e) => design(py, e),
+        ReproductionError::Simulation(e) => simulation(py, e),
+        ReproductionError::Step(e) => step(py, e),
+        other => exception(py, "Error", other.to_string(), "other", &fields!(py)),
     }
 }
 

@@ -1,7 +1,10 @@
 //! Figures of designs and runs, certificates, case studies: functions that answer with plain data.
 
+use crate::controller;
 use crate::convert;
+use crate::design::PyDesign;
 use crate::errors;
+use crate::interrupt;
 use crate::problem::PyProblem;
 use crate::search::Search;
 use crate::simulation::run_from_python;
@@ -9,9 +12,11 @@ use mpct::analysis::reproduce::{Extent, reproduce as run_reproduction};
 use mpct::analysis::{self, Performance};
 use mpct::certificate::{self, VerifyOptions};
 use mpct::{ProblemFile, SetPoint, cases};
+use mpct_report::{Choice, REPRODUCTION_FILES, Report, reproduction_files};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::path::Path;
+use std::sync::atomic::Ordering;
 
 /// `mpct.scaling_need`, without its class.
 #[pyfunction]
@@ -19,8 +24,9 @@ pub fn _scaling_need<'py>(
     py: Python<'py>,
     problem: PyRef<'_, PyProblem>,
     set_point: &Bound<'py, PyAny>,
+    input: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let set_point = SetPoint::state(convert::vector("set_point", set_point)?);
+    let set_point = controller::set_point(set_point, input)?;
     let problem = &problem.inner;
     let need = py
         .detach(|| analysis::scaling_need(problem, &set_point))
@@ -33,19 +39,20 @@ pub fn _scaling_need<'py>(
 pub fn _scaling_advice<'py>(
     py: Python<'py>,
     problem: PyRef<'_, PyProblem>,
-    set_points: Vec<Bound<'py, PyAny>>,
+    set_points: Vec<(Bound<'py, PyAny>, Option<Bound<'py, PyAny>>)>,
     condition: &str,
-    max_horizon: i64,
+    #[pyo3(from_py_with = convert::whole::max_horizon)] max_horizon: usize,
     time_limit: Option<f64>,
 ) -> PyResult<Bound<'py, PyAny>> {
     let set_points = set_points
         .iter()
         .enumerate()
-        .map(|(i, s)| {
-            Ok(SetPoint::state(convert::vector(
-                &format!("set_points[{i}]"),
-                s,
-            )?))
+        .map(|(i, (state, input))| {
+            let vector = |what: &str, v| convert::vector(&format!("{what}[{i}]"), v);
+            Ok(SetPoint {
+                state: vector("set_points", state)?,
+                input: input.as_ref().map(|u| vector("inputs", u)).transpose()?,
+            })
         })
         .collect::<PyResult<Vec<_>>>()?;
     let problem = &problem.inner;
@@ -111,8 +118,11 @@ pub fn _verify<'py>(
 
 /// The text of a case study.
 #[pyfunction]
-pub fn _example(py: Python<'_>, case: &str, count: i64) -> PyResult<String> {
-    let count = convert::whole(py, "count", count)?;
+pub fn _example(
+    py: Python<'_>,
+    case: &str,
+    #[pyo3(from_py_with = convert::whole::count)] count: usize,
+) -> PyResult<String> {
     let file: ProblemFile = match case {
         "academic" => cases::academic(),
         "drone" => cases::drone(),
@@ -125,9 +135,41 @@ pub fn _example(py: Python<'_>, case: &str, count: i64) -> PyResult<String> {
     Ok(cases::text(&file))
 }
 
-/// Section 4 of the paper as plain data.
+/// The page of a closed loop, and a picture of the states and inputs with the names `signals` when they are not None.
 #[pyfunction]
-pub fn _reproduce<'py>(py: Python<'py>, extent: &str) -> PyResult<Bound<'py, PyAny>> {
+pub fn _report(
+    py: Python<'_>,
+    run: &Bound<'_, PyAny>,
+    design: PyRef<'_, PyDesign>,
+    disturbed: bool,
+    signals: Option<Vec<String>>,
+) -> PyResult<String> {
+    let run = run_from_python(run)?;
+    let ingredients = &design.inner;
+    let plant = ingredients.problem().plant();
+    let expected = (plant.states(), plant.inputs());
+    let found = run.steps.first().map_or((0, 0), |s| (s.x.len(), s.u.len()));
+    if found != expected {
+        let words = |(n, m): (usize, usize)| format!("one with {n} states and {m} inputs");
+        return Err(errors::argument(py, "run", &words(expected), &words(found)));
+    }
+    let report = || Report::new(ingredients, &run, disturbed);
+    match signals {
+        None => Ok(py.detach(|| report().page())),
+        Some(names) => {
+            let choice = Choice::of(ingredients.problem(), &names)
+                .map_err(|e| errors::argument(py, "signals", "names of states and inputs", &e))?;
+            Ok(py.detach(|| report().picture(&choice)))
+        }
+    }
+}
+
+/// Names of files and their texts.
+type Files = Vec<(&'static str, String)>;
+
+/// Section 4 of the paper as plain data, and as texts of files with their names.
+#[pyfunction]
+pub fn _reproduce<'py>(py: Python<'py>, extent: &str) -> PyResult<(Bound<'py, PyAny>, Files)> {
     let extent = match extent {
         "short" => Extent::Short,
         "standard" => Extent::Standard,
@@ -142,13 +184,24 @@ pub fn _reproduce<'py>(py: Python<'py>, extent: &str) -> PyResult<Bound<'py, PyA
             ));
         }
     };
-    let found = py
-        .detach(|| run_reproduction(extent, &|_| ()))
-        .map_err(|e| match e {
-            mpct::analysis::reproduce::ReproductionError::Design(e) => errors::design(py, &e),
-            other => pyo3::exceptions::PyRuntimeError::new_err(other.to_string()),
-        })?;
-    convert::plain(py, &found)
+    let found = interrupt::leave(py, move |left| {
+        run_reproduction(extent, &|_| {
+            if left.load(Ordering::Relaxed) {
+                // Nobody waits for the rest. This ends the thread without a message.
+                std::panic::resume_unwind(Box::new("left"));
+            }
+        })
+    })?
+    .map_err(|e| errors::reproduction(py, &e))?;
+    let texts = py
+        .detach(|| reproduction_files(&found))
+        .map_err(pyo3::exceptions::PyRuntimeError::new_err)?;
+    let files = REPRODUCTION_FILES
+        .into_iter()
+        .zip(texts)
+        .map(|(name, (_, text))| (name, text))
+        .collect();
+    Ok((convert::plain(py, &found)?, files))
 }
 
 /// Problem and simulation of a problem file: `path`, or the text in the folder "." when it is None.

@@ -28,8 +28,8 @@ mod _mpct {
     use crate::design::PyDesign;
     #[pymodule_export]
     use crate::figures::{
-        _compare, _example, _performance, _read_file, _reproduce, _scaling_advice, _scaling_need,
-        _verify, _write_file,
+        _compare, _example, _performance, _read_file, _report, _reproduce, _scaling_advice,
+        _scaling_need, _verify, _write_file,
     };
     #[pymodule_export]
     use crate::plant::PyPlant;

@@ -39,26 +39,20 @@ pub struct PyPlant {
     pub inner: Plant,
 }
 
-#[derive(Default)]
-struct Extras<'py> {
-    operating_point: Option<(Bound<'py, PyAny>, Bound<'py, PyAny>)>,
+struct Extras {
+    operating_point: Option<(Vec<f64>, Vec<f64>)>,
     labels: Labels,
 }
 
 fn finished(
     py: Python<'_>,
     plant: Result<Plant, DesignError>,
-    extras: Extras<'_>,
+    extras: Extras,
 ) -> PyResult<PyPlant> {
     let wrong = |e: DesignError| errors::design(py, &e);
     let mut plant = plant.map_err(wrong)?;
-    if let Some((x, u)) = &extras.operating_point {
-        plant = plant
-            .with_operating_point(
-                convert::vector("operating_point state", x)?,
-                convert::vector("operating_point input", u)?,
-            )
-            .map_err(wrong)?;
+    if let Some((x, u)) = extras.operating_point {
+        plant = plant.with_operating_point(x, u).map_err(wrong)?;
     }
     let inner = plant.with_labels(extras.labels).map_err(wrong)?;
     Ok(PyPlant { inner })
@@ -86,18 +80,21 @@ fn model<'py>(system: &Bound<'py, PyAny>) -> PyResult<Model<'py>> {
 #[pymethods]
 impl PyPlant {
     #[new]
-    #[pyo3(signature = (A, B=None, *, sampling_time=None, operating_point=None, state_names=vec![], state_units=vec![], input_names=vec![], input_units=vec![]))]
+    #[pyo3(signature = (A, B=None, *, sampling_time=None, operating_point=None, state_names=None, state_units=None, input_names=None, input_units=None))]
     #[allow(non_snake_case, clippy::too_many_arguments)]
     fn new(
         py: Python<'_>,
         A: Bound<'_, PyAny>,
         B: Option<Bound<'_, PyAny>>,
         sampling_time: Option<f64>,
-        operating_point: Option<(Bound<'_, PyAny>, Bound<'_, PyAny>)>,
-        state_names: Vec<String>,
-        state_units: Vec<String>,
-        input_names: Vec<String>,
-        input_units: Vec<String>,
+        #[pyo3(from_py_with = convert::operating_point)] operating_point: Option<(
+            Vec<f64>,
+            Vec<f64>,
+        )>,
+        state_names: Option<Bound<'_, PyAny>>,
+        state_units: Option<Bound<'_, PyAny>>,
+        input_names: Option<Bound<'_, PyAny>>,
+        input_units: Option<Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let (a, b, dt) = match B {
             Some(b) => (A, b, None),
@@ -116,10 +113,10 @@ impl PyPlant {
             plant = plant.and_then(|p| p.with_sampling_time(dt));
         }
         let labels = Labels {
-            state_names,
-            state_units,
-            input_names,
-            input_units,
+            state_names: convert::texts("state_names", state_names.as_ref())?,
+            state_units: convert::texts("state_units", state_units.as_ref())?,
+            input_names: convert::texts("input_names", input_names.as_ref())?,
+            input_units: convert::texts("input_units", input_units.as_ref())?,
         };
         finished(
             py,
@@ -148,18 +145,21 @@ impl PyPlant {
     /// -------
     /// Plant
     #[staticmethod]
-    #[pyo3(signature = (A, B=None, dt=None, *, operating_point=None, state_names=vec![], state_units=vec![], input_names=vec![], input_units=vec![]))]
+    #[pyo3(signature = (A, B=None, dt=None, *, operating_point=None, state_names=None, state_units=None, input_names=None, input_units=None))]
     #[allow(non_snake_case, clippy::too_many_arguments)]
     fn continuous(
         py: Python<'_>,
         A: Bound<'_, PyAny>,
         B: Option<Bound<'_, PyAny>>,
         dt: Option<f64>,
-        operating_point: Option<(Bound<'_, PyAny>, Bound<'_, PyAny>)>,
-        state_names: Vec<String>,
-        state_units: Vec<String>,
-        input_names: Vec<String>,
-        input_units: Vec<String>,
+        #[pyo3(from_py_with = convert::operating_point)] operating_point: Option<(
+            Vec<f64>,
+            Vec<f64>,
+        )>,
+        state_names: Option<Bound<'_, PyAny>>,
+        state_units: Option<Bound<'_, PyAny>>,
+        input_names: Option<Bound<'_, PyAny>>,
+        input_units: Option<Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let (a, b) = match B {
             Some(b) => (A, b),
@@ -181,10 +181,10 @@ impl PyPlant {
         let (a, b) = (convert::matrix("A", &a)?, convert::matrix("B", &b)?);
         let plant = py.detach(|| Plant::continuous(a, b, dt));
         let labels = Labels {
-            state_names,
-            state_units,
-            input_names,
-            input_units,
+            state_names: convert::texts("state_names", state_names.as_ref())?,
+            state_units: convert::texts("state_units", state_units.as_ref())?,
+            input_names: convert::texts("input_names", input_names.as_ref())?,
+            input_units: convert::texts("input_units", input_units.as_ref())?,
         };
         finished(
             py,
@@ -206,6 +206,24 @@ impl PyPlant {
     #[getter(B)]
     fn b<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         convert::sparse_to_array2(py, self.inner.b())
+    }
+
+    /// A and B in continuous time, when the plant was given so, else None.
+    #[getter]
+    #[allow(clippy::type_complexity)]
+    fn continuous_matrices<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<Option<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>)>> {
+        self.inner
+            .continuous_matrices()
+            .map(|(a, b)| {
+                Ok((
+                    convert::sparse_to_array2(py, a)?,
+                    convert::sparse_to_array2(py, b)?,
+                ))
+            })
+            .transpose()
     }
 
     /// Number of states n.

@@ -81,13 +81,6 @@ impl From<Problem> for PyProblem {
     }
 }
 
-/// M̄, when stated.
-fn extension_of(py: Python<'_>, value: Option<i64>) -> PyResult<Option<usize>> {
-    value
-        .map(|v| convert::whole(py, "horizon_extension", v))
-        .transpose()
-}
-
 /// K, when stated.
 fn gain_of(gain: Option<&Bound<'_, PyAny>>) -> PyResult<Option<Matrix>> {
     gain.map(|k| convert::matrix("gain", k)).transpose()
@@ -115,12 +108,12 @@ impl PyProblem {
         R: Bound<'_, PyAny>,
         O: Bound<'_, PyAny>,
         O_input: Option<Bound<'_, PyAny>>,
-        horizon: i64,
+        #[pyo3(from_py_with = convert::whole::horizon)] horizon: usize,
         scaling: f64,
         task: &str,
         formulation: &str,
         terminal_cost: &str,
-        horizon_extension: Option<i64>,
+        #[pyo3(from_py_with = convert::whole::horizon_extension)] horizon_extension: Option<usize>,
         gamma: Option<f64>,
         alpha: Option<f64>,
         gain: Option<Bound<'_, PyAny>>,
@@ -139,12 +132,12 @@ impl PyProblem {
         }
         let choices = Choices {
             name: name.into(),
-            horizon: convert::whole(py, "horizon", horizon)?,
+            horizon,
             scaling,
             task: names::value(py, task)?,
             formulation: names::value(py, formulation)?,
             terminal_cost: names::value(py, terminal_cost)?,
-            horizon_extension: extension_of(py, horizon_extension)?,
+            horizon_extension,
             gamma,
             alpha,
             gain: gain_of(gain.as_ref())?,
@@ -230,12 +223,12 @@ impl PyProblem {
         R: Option<Bound<'_, PyAny>>,
         O: Option<Bound<'_, PyAny>>,
         O_input: Option<Bound<'_, PyAny>>,
-        horizon: Option<i64>,
+        #[pyo3(from_py_with = convert::whole::optional_horizon)] horizon: Option<usize>,
         scaling: Option<f64>,
         task: Option<&str>,
         formulation: Option<&str>,
         terminal_cost: Option<&str>,
-        horizon_extension: Option<i64>,
+        #[pyo3(from_py_with = convert::whole::horizon_extension)] horizon_extension: Option<usize>,
         gamma: Option<f64>,
         alpha: Option<f64>,
         gain: Option<Bound<'_, PyAny>>,
@@ -269,7 +262,7 @@ impl PyProblem {
         };
         let mut choices = Choices::of(old);
         if let Some(horizon) = horizon {
-            choices.horizon = convert::whole(py, "horizon", horizon)?;
+            choices.horizon = horizon;
         }
         choices.scaling = scaling.unwrap_or(choices.scaling);
         choices.name = name.unwrap_or(choices.name);
@@ -282,8 +275,7 @@ impl PyProblem {
         if let Some(cost) = terminal_cost {
             choices.terminal_cost = names::value(py, cost)?;
         }
-        choices.horizon_extension =
-            extension_of(py, horizon_extension)?.or(choices.horizon_extension);
+        choices.horizon_extension = horizon_extension.or(choices.horizon_extension);
         choices.gamma = gamma.or(choices.gamma);
         choices.alpha = alpha.or(choices.alpha);
         choices.gain = gain_of(gain.as_ref())?.or(choices.gain);
@@ -319,7 +311,7 @@ impl PyProblem {
         &self,
         py: Python<'_>,
         condition: &str,
-        max_horizon: i64,
+        #[pyo3(from_py_with = convert::whole::max_horizon)] max_horizon: usize,
         time_limit: Option<f64>,
         progress: Option<Bound<'_, PyAny>>,
     ) -> PyResult<PyDesign> {
@@ -346,7 +338,7 @@ impl PyProblem {
         py: Python<'py>,
         scalings: &Bound<'py, PyAny>,
         condition: &str,
-        max_horizon: i64,
+        #[pyo3(from_py_with = convert::whole::max_horizon)] max_horizon: usize,
         time_limit: Option<f64>,
         progress: Option<Bound<'py, PyAny>>,
     ) -> PyResult<Vec<Bound<'py, PyAny>>> {
@@ -585,6 +577,22 @@ impl PyProblem {
     #[getter]
     fn name(&self) -> &str {
         self.inner.name()
+    }
+
+    /// The constraints around the operating point, each row divided by its room there.
+    ///
+    /// Returns
+    /// -------
+    /// ConstraintRows
+    fn constraint_rows<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let rows = self.inner.rows();
+        let source: Vec<String> = rows.source.iter().map(ToString::to_string).collect();
+        let fields = PyDict::new(py);
+        fields.set_item("C", convert::sparse_to_array2(py, &rows.c)?)?;
+        fields.set_item("D", convert::sparse_to_array2(py, &rows.d)?)?;
+        fields.set_item("scale", convert::to_array(py, rows.scale.clone()))?;
+        fields.set_item("source", source)?;
+        convert::result(py, "ConstraintRows", &fields)
     }
 
     /// Number of constraint rows.

@@ -1,6 +1,5 @@
 //! How a terminal horizon is searched: limits, progress, Ctrl-C.
 
-use crate::convert;
 use crate::errors;
 use crate::interrupt;
 use crate::names;
@@ -19,7 +18,13 @@ fn watcher<'py>(
 ) -> PyResult<Option<Bound<'py, PyAny>>> {
     match progress {
         Some(p) if p.is_instance_of::<PyBool>() && !p.is_truthy()? => Ok(None),
-        Some(p) if !p.is_instance_of::<PyBool>() => Ok(Some(p)),
+        Some(p) if p.is_callable() => Ok(Some(p)),
+        Some(p) if !p.is_instance_of::<PyBool>() => Err(errors::argument_type(
+            py,
+            "progress",
+            "a function of three numbers, True, False or None",
+            &p.get_type().to_string(),
+        )),
         choice => {
             let bar = py
                 .import("mpct._progress")?
@@ -50,13 +55,13 @@ impl<'py> Search<'py> {
     pub fn of(
         py: Python<'py>,
         condition: &str,
-        max_horizon: i64,
+        max_horizon: usize,
         time_limit: Option<f64>,
         progress: Option<Bound<'py, PyAny>>,
     ) -> PyResult<Self> {
         Ok(Self {
             condition: names::value(py, condition)?,
-            max_horizon: convert::whole(py, "max_horizon", max_horizon)?,
+            max_horizon,
             time_limit: seconds(py, "time_limit", time_limit)?,
             watcher: watcher(py, progress)?,
         })

@@ -1,6 +1,6 @@
 //! Section 3.5: the largest α, and the stability region of a controller without terminal constraint.
 
-use crate::analysis::{polygon, work};
+use crate::analysis::{long_work, polygon};
 use crate::controller::{self, PyController};
 use crate::convert;
 use crate::design::PyDesign;
@@ -10,6 +10,7 @@ use mpct::{Controller, DesignError, SetPoint};
 use pyo3::IntoPyObjectExt;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
+use std::sync::Arc;
 
 /// State and input of a set-point as arguments.
 fn set_point_arguments<'py>(
@@ -51,7 +52,8 @@ impl PyAlphaBounds {
     ) -> PyResult<Self> {
         let set_point = controller::set_point(set_point, input)?;
         let design = design.clone();
-        let inner = work(py, || AlphaBounds::of(&design.inner, &set_point))?;
+        let (ingredients, at) = (design.inner.clone(), set_point.clone());
+        let inner = long_work(py, move || AlphaBounds::of(&ingredients, &at))?;
         Ok(Self {
             inner,
             design,
@@ -139,26 +141,25 @@ impl PyAlphaBounds {
 #[pyclass(frozen, name = "StabilityRegion", module = "mpct")]
 pub struct PyStabilityRegion {
     /// Its own, so that steps of the one it was made from need not wait.
-    controller: Controller,
+    controller: Arc<Controller>,
     made_from: Py<PyController>,
     set_point: SetPoint,
     scope: AlphaScope,
     alpha: f64,
+    stage_cost_bound: f64,
     level: f64,
 }
 
 impl PyStabilityRegion {
-    fn ask<T: Send>(
+    fn ask<T: Send + 'static>(
         &self,
         py: Python<'_>,
-        question: impl FnOnce(&StabilityRegion<'_>) -> Result<T, DesignError> + Send,
+        question: impl FnOnce(&StabilityRegion<'_>) -> Result<T, DesignError> + Send + 'static,
     ) -> PyResult<T> {
-        work(py, || {
-            question(&StabilityRegion::of(
-                &self.controller,
-                &self.set_point,
-                self.scope,
-            )?)
+        let controller = Arc::clone(&self.controller);
+        let (set_point, scope) = (self.set_point.clone(), self.scope);
+        long_work(py, move || {
+            question(&StabilityRegion::of(&controller, &set_point, scope)?)
         })
     }
 }
@@ -176,10 +177,11 @@ impl PyStabilityRegion {
     ) -> PyResult<Self> {
         let set_point = controller::set_point(set_point, input)?;
         let scope: AlphaScope = names::value(py, scope)?;
-        let own = controller.get().again(py)?;
-        let (alpha, level) = work(py, || {
-            let region = StabilityRegion::of(&own, &set_point, scope)?;
-            Ok((region.alpha(), region.level()))
+        let own = Arc::new(controller.get().again(py)?);
+        let (asked, at) = (Arc::clone(&own), set_point.clone());
+        let (alpha, stage_cost_bound, level) = long_work(py, move || {
+            let region = StabilityRegion::of(&asked, &at, scope)?;
+            Ok((region.alpha(), region.stage_cost_bound(), region.level()))
         })?;
         Ok(Self {
             controller: own,
@@ -187,6 +189,7 @@ impl PyStabilityRegion {
             set_point,
             scope,
             alpha,
+            stage_cost_bound,
             level,
         })
     }
@@ -207,7 +210,7 @@ impl PyStabilityRegion {
         state: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyAny>> {
         let state = convert::vector("state", state)?;
-        let found: Attraction = self.ask(py, |region| region.contains(&state))?;
+        let found: Attraction = self.ask(py, move |region| region.contains(&state))?;
         let fields = PyDict::new(py);
         fields.set_item("inside", found.is_inside())?;
         fields.set_item("cost", found.cost)?;
@@ -230,10 +233,12 @@ impl PyStabilityRegion {
     fn projection<'py>(
         &self,
         py: Python<'py>,
-        coordinates: (i64, i64),
+        #[pyo3(from_py_with = convert::coordinates)] coordinates: (usize, usize),
     ) -> PyResult<Bound<'py, PyAny>> {
-        let coordinates = convert::coordinates(py, coordinates)?;
-        polygon(py, self.ask(py, |region| region.projection(coordinates))?)
+        polygon(
+            py,
+            self.ask(py, move |region| region.projection(coordinates))?,
+        )
     }
 
     /// The section through the closest admissible set-point.
@@ -250,16 +255,21 @@ impl PyStabilityRegion {
     fn section<'py>(
         &self,
         py: Python<'py>,
-        coordinates: (i64, i64),
+        #[pyo3(from_py_with = convert::coordinates)] coordinates: (usize, usize),
     ) -> PyResult<Bound<'py, PyAny>> {
-        let coordinates = convert::coordinates(py, coordinates)?;
-        polygon(py, self.ask(py, |region| region.section(coordinates))?)
+        polygon(py, self.ask(py, move |region| region.section(coordinates))?)
     }
 
     /// α.
     #[getter]
     fn alpha(&self) -> f64 {
         self.alpha
+    }
+
+    /// d = α λ_min(P⁻¹Q): outside of the level set the stage cost is at least this.
+    #[getter]
+    fn stage_cost_bound(&self) -> f64 {
+        self.stage_cost_bound
     }
 
     /// (N + M̄) d + γ α.

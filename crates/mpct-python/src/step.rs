@@ -6,6 +6,7 @@ use crate::search;
 use mpct::Step;
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
+use pyo3::types::PyString;
 
 /// One step of a controller. Made by `Controller.step`.
 #[pyclass(frozen, name = "Step", module = "mpct")]
@@ -117,20 +118,22 @@ impl PyStep {
         Ok((py.import("mpct._mpct")?.getattr("_step")?, (parts,)))
     }
 
-    fn __repr__(&self) -> String {
-        format!(
-            "Step(u={:?}, cost={:.6e}, admissible={}, status='{}', iterations={}, seconds={:.3e})",
-            self.inner.input,
-            self.inner.cost,
-            if self.inner.admissible {
-                "True"
-            } else {
-                "False"
-            },
-            self.inner.status,
-            self.inner.iterations,
-            self.seconds()
-        )
+    fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
+        // Python writes an exponent with its sign and two digits, Rust does not.
+        let words =
+            "Step(u={}, cost={:.6e}, admissible={}, status='{}', iterations={}, seconds={:.3e})";
+        let step = &self.inner;
+        let numbers = (
+            &step.input,
+            step.cost,
+            step.admissible,
+            step.status.to_string(),
+            step.iterations,
+            self.seconds(),
+        );
+        PyString::new(py, words)
+            .call_method1("format", numbers)?
+            .extract()
     }
 }
 

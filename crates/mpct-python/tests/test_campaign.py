@@ -83,6 +83,8 @@ def test_failed_runs_are_recorded():
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])
 def test_resumes_from_its_file(tmp_path, suffix):
+    if suffix == "parquet":
+        pytest.importorskip("pyarrow")
     path = tmp_path / f"results.{suffix}"
     runs = [*loops(6), {"scaling": 1.5}]
     whole = mpct.campaign(academic_problem(), runs, simulation=SETTING, processes=1)
@@ -108,6 +110,7 @@ def test_resumes_from_its_file(tmp_path, suffix):
 
 
 def test_results_files_are_readable(tmp_path):
+    pytest.importorskip("pyarrow")
     import pandas
 
     runs = {"scaling": [0.5, 0.9], "Q": [10, [1.0, 2.0]]}
@@ -252,7 +255,8 @@ mpct.campaign(academic_problem(), {{"scaling": [0.5, 0.9]}}, processes=2)
     assert done.returncode != 0 and "__name__ == '__main__'" in done.stderr
 
 
-def test_on_a_dask_cluster_of_which_a_worker_is_killed():
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_on_a_dask_cluster_of_which_a_worker_is_killed(tmp_path, suffix):
     distributed = pytest.importorskip("distributed")
     runs = [{"x0": [0.01 * i, 0], "disturbance": [0.01, 0.01], "steps": 1500} for i in range(40)]
     runs.append({"scaling": 1.5})
@@ -269,8 +273,17 @@ def test_on_a_dask_cluster_of_which_a_worker_is_killed():
                 killed.append(next(iter(pids.values())))
                 os.kill(killed[0], signal.SIGKILL)
 
-        found = mpct.campaign(academic_problem(), runs, simulation=SETTING, client=client, progress=kill_once)
-    assert killed
+        path = tmp_path / f"r.{suffix}"
+        options = {"simulation": SETTING, "client": client, "results": path}
+        found = mpct.campaign(academic_problem(), runs, progress=kill_once, **options)
+        assert killed
+        # The first half of the file is kept; a second campaign does the rest.
+        from mpct import _campaign_file
+
+        _campaign_file.write(path, found.rows[:20], found.parameters)
+        seen = []
+        resumed = mpct.campaign(academic_problem(), runs, progress=lambda *p: seen.append(p), **options)
+    assert seen[0][0] == 21 and seen[-1] == (41, 41, 1) and same(resumed) == same(found)
     assert [row["error"] for row in found.rows] == [None] * 40 + ["out_of_range"]
     workers = {row["worker"].split(":")[1] for row in found.rows}
     assert str(list(pids.values())[1]) in workers

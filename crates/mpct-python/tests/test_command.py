@@ -21,12 +21,15 @@ def command(*arguments):
     return done.stdout
 
 
-@pytest.mark.parametrize("case", ["academic", "drone"])
-def test_simulate_json(case):
-    told = json.loads(command("simulate", EXAMPLES / f"{case}.toml", "--json"))
+@pytest.mark.parametrize(
+    ("case", "formulation"), [("academic", None), ("academic", "explicit"), ("drone", None), ("carts-10", None)]
+)
+def test_simulate_json(case, formulation):
+    options = [] if formulation is None else ["--formulation", formulation]
+    told = json.loads(command("simulate", EXAMPLES / f"{case}.toml", "--json", *options))
     file = mpct.ProblemFile.read(EXAMPLES / f"{case}.toml")
     design = file.problem.design()
-    run = file.simulation.run(design.controller())
+    run = file.simulation.run(design.controller(formulation))
     assert design.terminal_horizon == told["terminal_horizon"]
     assert len(run) == len(told["steps"])
     for name in ("x", "u", "artificial_state", "artificial_input", "setpoint", "cost", "offset_cost", "admissible", "status"):
@@ -75,6 +78,44 @@ def test_sweep_and_scaling():
     advice = mpct.scaling_advice(file.problem, [s[1] for s in file.simulation.set_points])
     assert told["advised_scaling"] == advice.advised_scaling
     assert told["advised_terminal_horizon"] == advice.advised_terminal_horizon
+
+
+def test_simulate_without_terminal_constraint(tmp_path):
+    path = tmp_path / "section-3-5.toml"
+    file = mpct.ProblemFile.read(EXAMPLES / "academic.toml")
+    problem = file.problem.replace(formulation="no_terminal_constraint", horizon_extension=2, gamma=20, horizon=3)
+    simulation = mpct.Simulation([0, 0], [(0, [2, 0.5]), (30, [-2, -0.5])], 60, [0.01, 0.02], 7)
+    mpct.ProblemFile(problem, simulation).write(path)
+    told = json.loads(command("simulate", path, "--json"))
+    run = simulation.run(problem.design().controller())
+    assert [step["x"] for step in told["steps"]] == run.x.tolist()
+    assert told["summary"]["cumulative_cost"] == run.cumulative_cost
+
+
+def test_check():
+    told = json.loads(command("check", EXAMPLES / "academic.toml", "--json"))
+    file = mpct.ProblemFile.read(EXAMPLES / "academic.toml")
+    assert told["spectral_radius"] == file.problem.check().spectral_radius and told["constraint_rows"] == file.problem.rows
+    for setpoint, (from_step, state) in zip(told["setpoints"], file.simulation.set_points, strict=True):
+        closest = file.problem.closest_admissible(state)
+        assert (setpoint["from_step"], setpoint["admissible"]) == (from_step, closest.admissible)
+        assert setpoint["closest_state"] == closest.state.tolist() and setpoint["limiting"] == closest.limiting
+
+
+def test_compare(tmp_path):
+    file = mpct.ProblemFile.read(EXAMPLES / "academic.toml")
+    other = mpct.ProblemFile(file.problem.replace(R=10), file.simulation)
+    other.write(tmp_path / "other.toml")
+    told = json.loads(command("compare", EXAMPLES / "academic.toml", tmp_path / "other.toml", "--json"))
+    runs = [f.simulation.run(f.problem.design().controller()) for f in (file, other)]
+    found = {figure.what: (figure.first, figure.second) for figure in mpct.compare(*runs)}
+    # The first figure of the command is M̃; measured times differ.
+    expected = {f["what"]: (f["first"], f["second"]) for f in told["figures"][1:]}
+    assert list(found) == list(expected)
+    assert {k: v for k, v in found.items() if "time" not in k} == {k: v for k, v in expected.items() if "time" not in k}
+    performance = mpct.performance(runs[1])
+    assert told["second"]["input_movement"] == performance.input_movement.tolist()
+    assert [m["margin"] for m in told["second"]["margins"]] == [m.margin for m in performance.margins]
 
 
 def test_examples_are_those_of_the_command(tmp_path):

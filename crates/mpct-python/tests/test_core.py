@@ -106,11 +106,11 @@ def test_closed_loop_follows_the_model(problem, design, formulation):
 
 
 def test_qp_has_the_step_as_its_optimum(design, controller):
-    x, target = np.array([1.0, -0.5]), np.array([2.0, 0.5])
-    H, f, G, b = controller.qp(x, target)
+    x, set_point = np.array([1.0, -0.5]), np.array([2.0, 0.5])
+    H, f, G, b = controller.qp(x, set_point)
     assert H.shape == (controller.variables,) * 2 and G.shape == (controller.rows, controller.variables)
     np.testing.assert_allclose(H, H.T)
-    step = controller.step(x, target)
+    step = controller.step(x, set_point)
     # Around the optimum no feasible point is better: the unconstrained optimum bounds the value from below.
     Mx, Mu = np.split(design.steady_state_basis, [2])
     theta = np.linalg.lstsq(np.vstack([Mx, Mu]), np.concatenate([step.artificial_state, step.artificial_input]), rcond=None)[0]

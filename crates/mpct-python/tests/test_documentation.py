@@ -51,7 +51,8 @@ def documented(text, section):
 def check_docstring(thing, parameters, returns):
     doc = inspect.getdoc(thing) or ""
     assert doc.strip(), f"{thing} has no docstring"
-    assert doc.splitlines()[0].strip().endswith((".", ":")) or "\n\n" in doc, f"{thing} has no summary"
+    summary = doc.split("\n\n")[0].strip()
+    assert summary.endswith((".", ":")) and "---" not in summary, f"{thing} has no summary"
     missing = {p.name for p in parameters} - documented(doc, "Parameters")
     assert not missing, f"{thing} says nothing about {missing}"
     if returns:

@@ -36,11 +36,11 @@ def test_accepted(form, controller):
     plant = mpct.Plant(convert(A), convert(B))
     np.testing.assert_array_equal(plant.A, A)
     np.testing.assert_array_equal(plant.B, B)
-    x, target = [0.5, 0.25], [2.0, 0.5]
+    x, set_point = [0.5, 0.25], [2.0, 0.5]
     controller.reset()
-    expected = controller.step(x, target).u
+    expected = controller.step(x, set_point).u
     controller.reset()
-    np.testing.assert_array_equal(controller.step(convert(x), convert(target)).u, expected)
+    np.testing.assert_array_equal(controller.step(convert(x), convert(set_point)).u, expected)
 
 
 @pytest.mark.parametrize("dtype", [int, np.int8, np.uint16, np.int64])
@@ -90,7 +90,8 @@ def test_step_errors(controller):
     with pytest.raises(mpct.StepError) as error:
         controller.step([100, 100], [0, 0])
     assert error.value.kind == "infeasible" and error.value.gap > 0
-    assert error.value.message == str(error.value)
+    assert str(error.value) == f"{error.value.message}\nhelp: {error.value.help}"
+    assert "longer horizon" in error.value.help
     with pytest.raises(AttributeError):
         error.value.nothing
 

@@ -36,3 +36,30 @@ def test_tutorial(monkeypatch):
     assert "state_upper[0]" in output_of("closest = ")
     assert "equilibrium: False" in output_of("scaling_advice")
     assert "True" in output_of("reached.admissible.all()") and "0.97" in output_of("reached.admissible.all()")
+
+
+def test_progress_in_a_notebook():
+    notebook = nbformat.v4.new_notebook()
+    work = """
+import mpct
+from mpct import _progress
+_progress._DELAY = 0.0
+problem = mpct.example("carts", 60).problem.replace(scaling=0.9999)
+try:
+    problem.design("sufficient", 10**6, time_limit=1.0)
+except mpct.DesignError:
+    pass
+"""
+    notebook.cells = [nbformat.v4.new_code_cell(work)]
+    seen = []
+
+    class Client(nbclient.NotebookClient):
+        def process_message(self, message, cell, index):
+            seen.append(message)
+            return super().process_message(message, cell, index)
+
+    Client(notebook, timeout=120, kernel_name="python3").execute()
+    shown = [m["content"]["data"]["text/html"] for m in seen if m["msg_type"] in ("display_data", "update_display_data")]
+    assert any("<progress" in html and "/180 rows, M̃ ≥" in html for html in shown)
+    # One output, which is empty in the end.
+    assert shown[-1] == "" and len(notebook.cells[0].outputs) == 1

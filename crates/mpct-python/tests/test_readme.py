@@ -15,6 +15,7 @@ def blocks(path):
 
 @pytest.mark.parametrize("path", ["README.md", "crates/mpct-python/README.md"])
 def test_examples_of(path, tmp_path, monkeypatch, capsys):
+    pytest.importorskip("pyarrow")
     found = blocks(ROOT / path)
     assert found
     # The first README reads a problem file of the repository; campaigns write where they run.

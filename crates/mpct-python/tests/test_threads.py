@@ -54,6 +54,35 @@ def test_threads_share_a_controller(controller):
     assert not wrong
 
 
+def test_threads_with_controllers_of_their_own(design):
+    points = ([2, 0.5], [-2, -0.5], [1, 0.25], [5, 1])
+    expected = [mpct.simulate(design.controller(), [0, 0], point, 2000).x for point in points]
+    found = [None] * 4
+
+    def work(i):
+        controller, x = design.controller(), np.zeros(2)
+        A, B = design.problem.plant.A, design.problem.plant.B
+        found[i] = [x]
+        for _ in range(1999):
+            x = A @ x + B @ controller.step(x, points[i]).u
+            found[i].append(x)
+
+    threads = [threading.Thread(target=work, args=(i,)) for i in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for mine, alone in zip(found, expected):
+        np.testing.assert_allclose(mine, alone, atol=1e-9)
+
+
+def test_closed_loops_of_one_controller_follow_one_another(controller):
+    expected = mpct.simulate(controller, [0, 0], [2, 0.5], 3000).x.tobytes()
+    told = []
+    assert threads_agree(lambda: told.append(mpct.simulate(controller, [0, 0], [2, 0.5], 3000).x.tobytes()) or told[-1])
+    assert told == [expected] * 4
+
+
 def test_progress_of_a_long_design():
     seen = []
     try:
@@ -133,3 +162,37 @@ def test_a_failing_watcher_ends_the_design():
 
 def test_designs_in_threads():
     assert threads_agree(lambda: [academic_problem(scaling=s).design().terminal_horizon for s in (0.5, 0.9, 0.99)])
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+@pytest.mark.parametrize(
+    "work",
+    [
+        "mpct.reproduce('standard')",
+        "mpct.DomainOfAttraction(problem.design().controller()).projection()",
+        "mpct.campaign(problem, {'horizon': range(1, 5000)}, processes=1)",
+    ],
+)
+def test_interrupt_of_other_long_work(work):
+    code = f"""
+import mpct
+problem = mpct.example("carts", 40).problem
+print("ready", flush=True)
+try:
+    {work}
+    print("done")
+except KeyboardInterrupt:
+    print("interrupted", flush=True)
+"""
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout.readline() == "ready\n"
+        time.sleep(0.7)
+        started = time.monotonic()
+        process.send_signal(signal.SIGINT)
+        out, _ = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert out == "interrupted\n"
+    assert time.monotonic() - started < 10
+    assert process.returncode == 0

@@ -3,8 +3,8 @@
 use crate::arguments::Reproduce;
 use crate::failure::{Class, Failure};
 use crate::output::{OutputFile, Waiting, print};
-use crate::report::reproduction_page;
-use mpct::analysis::reproduce::{Extent, Reproduction, ReproductionError, reproduce};
+use mpct::analysis::reproduce::{Extent, ReproductionError, reproduce};
+use mpct_report::{REPRODUCTION_FILES, reproduction_files};
 use std::fmt::Write;
 
 pub fn run(arguments: &Reproduce) -> Result<(), Failure> {
@@ -12,8 +12,10 @@ pub fn run(arguments: &Reproduce) -> Result<(), Failure> {
     std::fs::create_dir_all(folder).map_err(|e| Failure::io("make the folder", folder, &e))?;
     let open = |name: &str| OutputFile::open(&folder.join(name));
     // All places are tried before minutes of work.
-    let (page, data) = (open("section-4.html")?, open("section-4.json")?);
-    let (first, second) = (open("table-1.csv")?, open("table-2.csv")?);
+    let places = REPRODUCTION_FILES
+        .iter()
+        .map(|name| open(name))
+        .collect::<Result<Vec<_>, _>>()?;
     let extent = match (arguments.short, arguments.full) {
         (true, _) => Extent::Short,
         (_, true) => Extent::Full,
@@ -24,18 +26,10 @@ pub fn run(arguments: &Reproduce) -> Result<(), Failure> {
         reproduce(extent, &|what| waiting.at(0, what.to_string()))
     };
     let result = result.map_err(failure)?;
-    let json = serde_json::to_string_pretty(&result)
-        .map_err(|e| Failure::new(Class::Io, format!("cannot write JSON: {e}")))?;
+    let texts = reproduction_files(&result).map_err(|e| Failure::new(Class::Io, e))?;
     let mut text = String::new();
-    for (what, path) in [
-        (
-            "page",
-            page.write(reproduction_page(&result, &machine()).as_bytes())?,
-        ),
-        ("data", data.write(json.as_bytes())?),
-        ("table 1", first.write(table_1(&result).as_bytes())?),
-        ("table 2", second.write(table_2(&result).as_bytes())?),
-    ] {
+    for (place, (what, content)) in places.into_iter().zip(texts) {
+        let path = place.write(content.as_bytes())?;
         let _ = writeln!(text, "  {what:<8} {}", path.display());
     }
     print(&text)
@@ -48,64 +42,4 @@ fn failure(error: ReproductionError) -> Failure {
         ReproductionError::Step(e) => e.into(),
         other => Failure::new(Class::Solver, other.to_string()),
     }
-}
-
-/// The machine, as far as it says.
-fn machine() -> String {
-    let threads = std::thread::available_parallelism().map_or(1, usize::from);
-    let model = std::fs::read_to_string("/proc/cpuinfo")
-        .ok()
-        .and_then(|t| {
-            t.lines()
-                .find_map(|l| l.strip_prefix("model name"))
-                .map(|l| l.trim_start_matches([' ', '\t', ':']).to_string())
-        })
-        .unwrap_or_else(|| std::env::consts::ARCH.into());
-    format!("{model}, {threads} threads, {}", std::env::consts::OS)
-}
-
-fn table_1(r: &Reproduction) -> String {
-    let mut text = String::from(
-        "plant,scaling,terminal_horizon,printed_terminal_horizon,cumulative_cost,printed_cumulative_cost,steps\n",
-    );
-    for l in &r.table_1 {
-        let _ = writeln!(
-            text,
-            "{},{},{},{},{},{},{}",
-            l.plant,
-            l.scaling,
-            l.terminal_horizon,
-            l.printed_horizon,
-            l.cumulative_cost,
-            l.printed_cost,
-            l.steps
-        );
-    }
-    text
-}
-
-fn table_2(r: &Reproduction) -> String {
-    let mut text = String::from(
-        "carts,terminal_horizon,variables,implicit_rows,explicit_rows,implicit_offline_s,explicit_offline_s,implicit_online_s,explicit_online_s,steps_timed,printed_implicit_offline_s,printed_explicit_offline_s,printed_implicit_online_s,printed_explicit_online_s\n",
-    );
-    let cell = |v: Option<f64>| v.map_or(String::new(), |v| v.to_string());
-    for l in &r.table_2 {
-        let rows = l.explicit_rows.map_or(String::new(), |v| v.to_string());
-        let printed: Vec<String> = l.printed.iter().map(|v| cell(*v)).collect();
-        let _ = writeln!(
-            text,
-            "{},{},{},{},{rows},{},{},{},{},{},{}",
-            l.carts,
-            l.terminal_horizon,
-            l.variables,
-            l.implicit_rows,
-            l.implicit_offline,
-            cell(l.explicit_offline),
-            l.implicit_online,
-            cell(l.explicit_online),
-            l.steps,
-            printed.join(",")
-        );
-    }
-    text
 }

@@ -8,6 +8,7 @@ import inspect
 import itertools
 import json
 import os
+import pickle
 import time
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ import numpy as np
 
 from . import _campaign_file, _campaign_pools, _progress
 from ._campaign_work import OF_SIMULATION, Task, Work, run_tasks
+from ._convert import instance
 from ._errors import argument, argument_type
 from ._mpct import Problem, __version__
 from ._run import Simulation
@@ -108,6 +110,25 @@ def _check_names(names: Iterable[str], simulated: bool) -> None:
             raise argument("runs", f"parameters among {', '.join(known)}", repr(name))
 
 
+def _check_options(condition: Any, max_horizon: Any, time_limit: Any) -> None:
+    """Refuses before the work what every run would fail with."""
+    if condition not in ("exact", "sufficient"):
+        raise argument("condition", "'exact' or 'sufficient'", repr(condition))
+    if _whole(max_horizon, "max_horizon") < 1:
+        raise argument("max_horizon", "a whole number >= 1", repr(max_horizon))
+    if time_limit is not None and not (isinstance(time_limit, (int, float, np.number)) and time_limit >= 0.0):
+        raise argument("time_limit", "a number of seconds >= 0", repr(time_limit))
+
+
+def _check_pickles(runs: Sequence[Mapping[str, Any]]) -> None:
+    """Runs go to their workers as pickles."""
+    for i, run in enumerate(runs):
+        try:
+            pickle.dumps(run)
+        except Exception as error:
+            raise argument_type(f"runs[{i}]", "values that can be pickled", f"one that cannot: {error}") from error
+
+
 def _whole(value: Any, what: str) -> int:
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < 0:
         raise argument(what, "a whole number >= 0", repr(value))
@@ -185,18 +206,23 @@ def campaign(
     >>> [row["terminal_horizon"] for row in found.rows]
     [3, 3, 5, 5]
     """
-    if not isinstance(problem, Problem):
-        raise argument_type("problem", "a Problem", repr(type(problem)))
+    instance(problem, Problem, "problem")
+    if simulation is not None:
+        instance(simulation, Simulation, "simulation")
+    _check_options(condition, max_horizon, time_limit)
     if start_method not in ("spawn", "forkserver"):
         raise argument("start_method", "'spawn' or 'forkserver', because threads do not survive a fork", repr(start_method))
-    if processes is not None and processes < 1:
-        raise argument("processes", "a number >= 1", repr(processes))
+    if processes is not None and _whole(processes, "processes") < 1:
+        raise argument("processes", "a whole number >= 1", repr(processes))
+    if client is not None:
+        _campaign_pools.check_client(client)
     options = {"condition": condition, "max_horizon": max_horizon, "time_limit": time_limit}
     expanded = _expand(runs)
     names = list(dict.fromkeys(name for run in expanded for name in run))
     _check_names(names, simulation is not None)
     seed = _whole(seed, "seed")
     seeds = [_whole(run["seed"], f"runs[{i}]['seed']") if "seed" in run else _seed(seed, i) for i, run in enumerate(expanded)]
+    _check_pickles(expanded)
     tasks = [Task(i, run, s) for i, (run, s) in enumerate(zip(expanded, seeds, strict=True))]
     work = Work(problem.to_toml(), simulation, options)
     shown = [name for name in names if name != "seed"]

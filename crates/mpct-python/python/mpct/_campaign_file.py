@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from ._campaign_work import OUTCOME
-from ._errors import argument
-from ._files import write_atomically
+from ._errors import argument, argument_type
+from ._atomic import write_atomically
 
 Row = dict[str, Any]
 _TEXT = {True: "true", False: "false"}
@@ -44,7 +44,12 @@ def plain(value: Any) -> Any:
 
 def path_of(results: str | PathLike[str]) -> Path:
     """The results file; one without suffix is Parquet when pyarrow is there, else CSV."""
-    path = Path(results)
+    try:
+        path = Path(results)
+    except TypeError:
+        raise argument_type("results", "the path of a file", repr(results)) from None
+    if path.is_dir():
+        raise argument("results", "a file", f"the folder {path}")
     if path.suffix == "":
         return path.with_suffix(".csv" if _pyarrow() is None else ".parquet")
     if path.suffix not in (".csv", ".parquet"):

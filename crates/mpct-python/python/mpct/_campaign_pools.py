@@ -10,6 +10,7 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
 from ._campaign_work import OUTCOME, Task, Work, failure, ping, prepare_process, run_tasks
+from ._errors import argument_type
 
 Outcome = tuple[int, dict[str, Any]]
 
@@ -117,6 +118,16 @@ def _end(pool: ProcessPoolExecutor, finished: bool) -> None:
         process.terminate()
     for process in processes:
         process.join()
+
+
+def check_client(client: Any) -> None:
+    """Refuses what is no client of a Dask cluster."""
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise ImportError("campaigns on a cluster need distributed: pip install 'mpct[campaign]'") from error
+    if not isinstance(client, Client):
+        raise argument_type("client", "a distributed.Client", repr(client)[:200])
 
 
 def on_cluster(work: Work, tasks: Sequence[Task], client: Any) -> Iterator[Outcome]:

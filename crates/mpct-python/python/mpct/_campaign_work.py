@@ -105,7 +105,7 @@ def _run(work: Work, task: Task) -> dict[str, Any]:
 
 def failure(error: BaseException) -> dict[str, str]:
     """How an error is recorded."""
-    return {"error": getattr(error, "kind", type(error).__name__), "message": str(error)}
+    return {"error": getattr(error, "kind", type(error).__name__), "message": getattr(error, "message", str(error))}
 
 
 def run_tasks(work: Work, tasks: Sequence[Task]) -> list[tuple[int, dict[str, Any]]]:

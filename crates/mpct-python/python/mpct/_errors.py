@@ -17,17 +17,24 @@ class Error(ValueError):
         What is wrong, with the numbers that say how to mend it.
     fields : dict
         What the error says besides, such as ``what``, ``expected``, ``found``, ``row``; each is an attribute, too.
+    help : str or None
+        What would help, when there is more to say. It is a field, too, and follows the message when printed.
     """
 
     kind: str
     message: str
     fields: dict[str, Any]
+    help: str | None
 
     def __init__(self, message: str, kind: str = "other", fields: Mapping[str, Any] | None = None) -> None:
         super().__init__(message)
         self.message = message
         self.kind = kind
         self.fields = dict(fields or {})
+        self.help = self.fields.get("help")
+
+    def __str__(self) -> str:
+        return self.message if self.help is None else f"{self.message}\nhelp: {self.help}"
 
     def __getattr__(self, name: str) -> Any:
         if name != "fields" and name in self.__dict__.get("fields", {}):

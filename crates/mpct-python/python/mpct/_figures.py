@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from . import _mpct
-from ._errors import argument
+from ._atomic import write_atomically
+from ._convert import instance, listed
+from ._errors import VerifyError, argument, argument_type
 from ._files import ProblemFile
 from ._mpct import Problem
 from ._results import Verified
@@ -80,7 +82,7 @@ def _need(plain: dict[str, Any]) -> ScalingNeed:
     return ScalingNeed(**{**plain, "set_point": np.array(plain["set_point"]), "closest": np.array(plain["closest"])})
 
 
-def scaling_need(problem: Problem, set_point: ArrayLike) -> ScalingNeed:
+def scaling_need(problem: Problem, set_point: ArrayLike, input: ArrayLike | None = None) -> ScalingNeed:
     """The smallest λ that admits a set-point.
 
     Parameters
@@ -89,6 +91,8 @@ def scaling_need(problem: Problem, set_point: ArrayLike) -> ScalingNeed:
         The problem.
     set_point : array_like, shape (n,)
         State of the set-point.
+    input : array_like, shape (m,), optional
+        Input of the set-point; that of the operating point unless stated.
 
     Returns
     -------
@@ -101,12 +105,13 @@ def scaling_need(problem: Problem, set_point: ArrayLike) -> ScalingNeed:
     >>> round(need.needed, 6), need.limiting[0]
     (0.95, 'state_upper[0]')
     """
-    return _need(_mpct._scaling_need(problem, set_point))
+    return _need(_mpct._scaling_need(problem, set_point, input))
 
 
 def scaling_advice(
     problem: Problem,
     set_points: Iterable[ArrayLike],
+    inputs: Iterable[ArrayLike | None] | None = None,
     *,
     condition: Literal["exact", "sufficient"] = "exact",
     max_horizon: int = 5000,
@@ -120,6 +125,8 @@ def scaling_advice(
         The problem.
     set_points : iterable of array_like, shape (n,)
         States of the set-points.
+    inputs : iterable of array_like, shape (m,), optional
+        Inputs of the set-points, one for each; None for that of the operating point.
     condition, max_horizon, time_limit
         As in `Problem.design`.
 
@@ -127,7 +134,13 @@ def scaling_advice(
     -------
     ScalingAdvice
     """
-    plain = _mpct._scaling_advice(problem, list(set_points), condition, max_horizon, time_limit)
+    instance(problem, Problem, "problem")
+    states = listed(set_points, "set_points")
+    given: list[Any] = [None] * len(states) if inputs is None else listed(inputs, "inputs")
+    if len(given) != len(states):
+        raise argument("inputs", f"{len(states)} of them, one for each set-point", str(len(given)))
+    pairs = list(zip(states, given, strict=True))
+    plain = _mpct._scaling_advice(problem, pairs, condition, max_horizon, time_limit)
     return ScalingAdvice(**{**plain, "set_points": [_need(need) for need in plain["set_points"]]})
 
 
@@ -206,7 +219,8 @@ class Performance:
     max_solve_seconds: float
 
 
-def _problem_of(run: Run, problem: Problem | None) -> Problem:
+def _problem_of(run: Run, problem: Problem | None, what: str = "run") -> Problem:
+    instance(run, Run, what)
     known = problem if problem is not None else run.problem
     if known is None:
         raise argument("problem", "the problem of the run", "none, and the run does not say it")
@@ -272,7 +286,9 @@ def compare(first: Run, second: Run) -> list[ComparedFigure]:
     -------
     list of ComparedFigure
     """
-    plain = _mpct._compare(first, _problem_of(first, None), second, _problem_of(second, None))
+    plain = _mpct._compare(
+        first, _problem_of(first, None, "first"), second, _problem_of(second, None, "second")
+    )
     return [ComparedFigure(f["what"], f["first"], f["second"]) for f in plain]
 
 
@@ -304,7 +320,12 @@ def verify(certificate: str | PathLike[str], *, ignore_digest: bool = False) -> 
     5
     """
     if not (isinstance(certificate, str) and certificate.lstrip()[:1] == "{"):
-        certificate = Path(certificate).read_text(encoding="utf-8")
+        try:
+            certificate = Path(certificate).read_text(encoding="utf-8")
+        except TypeError:
+            raise argument_type("certificate", "a text or a path", repr(certificate)[:200]) from None
+        except UnicodeDecodeError as error:
+            raise VerifyError(f"not a certificate: {error}", "unreadable") from None
     return _mpct._verify(certificate, ignore_digest)
 
 
@@ -331,20 +352,29 @@ def example(case: str = "academic", count: int = 10) -> ProblemFile:
     return ProblemFile.parse(_mpct._example(case, count))
 
 
-def reproduce(extent: str = "short") -> dict[str, Any]:
-    """Section 4 of the paper: its tables and figures as plain data.
+def reproduce(extent: Literal["short", "standard", "full"] = "short", folder: str | PathLike[str] | None = None) -> dict[str, Any]:
+    """Section 4 of the paper: its tables and figures as plain data, and as files when a folder is stated.
 
     Parameters
     ----------
     extent : {"short", "standard", "full"}
         Seconds, minutes, or long.
+    folder : str or os.PathLike, optional
+        Where the files of ``mpct reproduce`` go: a page, all data, two tables. Made when it is missing.
 
     Returns
     -------
     dict
-        As ``mpct reproduce`` writes it. Ctrl-C takes effect when it is done.
+        What ``section-4.json`` has.
     """
-    return _mpct._reproduce(extent)
+    if folder is not None:
+        # A folder that cannot be made is told before the work, not after it.
+        Path(folder).mkdir(parents=True, exist_ok=True)
+    plain, files = _mpct._reproduce(extent)
+    if folder is not None:
+        for name, text in files:
+            write_atomically(Path(folder) / name, text.encode())
+    return plain
 
 
 CLASSES = (ScalingNeed, ScalingAdvice, Settling, ConstraintMargin, Performance, ComparedFigure)

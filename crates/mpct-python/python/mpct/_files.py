@@ -2,34 +2,14 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from dataclasses import dataclass
 from os import PathLike
-from pathlib import Path
 
 from . import _mpct
+from ._atomic import write_atomically
+from ._convert import instance
 from ._mpct import Problem
 from ._run import Simulation
-
-
-def write_atomically(path: str | PathLike[str], data: bytes) -> None:
-    """Writes a file as a whole: a temporary one beside it, then a rename."""
-    path = Path(path)
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        # A temporary file is readable by its owner alone; the result is as readable as any other file.
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(name, path.stat().st_mode & 0o777 if path.exists() else 0o666 & ~mask)
-        os.replace(name, path)
-    except BaseException:
-        os.unlink(name)
-        raise
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +34,11 @@ class ProblemFile:
 
     problem: Problem
     simulation: Simulation | None = None
+
+    def __post_init__(self) -> None:
+        instance(self.problem, Problem, "problem")
+        if self.simulation is not None:
+            instance(self.simulation, Simulation, "simulation")
 
     @classmethod
     def read(cls, path: str | PathLike[str]) -> ProblemFile:

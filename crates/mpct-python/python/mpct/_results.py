@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ._errors import argument
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import NDArray
@@ -73,6 +75,82 @@ class ImplicitTerminalCost:
 
 
 @dataclass(frozen=True, eq=False)
+class ConstraintRows:
+    """Constraints C x + D u ≤ 1 around the operating point. Made by `Problem.constraint_rows`.
+
+    Attributes
+    ----------
+    C : ndarray, shape (p, n)
+        Rows of the states.
+    D : ndarray, shape (p, m)
+        Rows of the inputs.
+    scale : ndarray, shape (p,)
+        The room of each row at the operating point; a row times its scale is the row as it was stated.
+    source : list of str
+        Where each row comes from, such as ``state_upper[0]``.
+    """
+
+    C: NDArray[np.float64]
+    D: NDArray[np.float64]
+    scale: NDArray[np.float64]
+    source: list[str]
+
+    def __len__(self) -> int:
+        """Number of rows."""
+        return len(self.source)
+
+
+@dataclass(frozen=True, eq=False)
+class MaximalAdmissibleSet:
+    """The explicit terminal set {(x, θ) : G (x, θ) ≤ g} without redundant rows. Made by `Design.maximal_admissible_set`.
+
+    Attributes
+    ----------
+    G : ndarray, shape (rows, n + m) for tracking, (rows, n) for regulation
+        Its rows; x is measured from the operating point.
+    g : ndarray, shape (rows,)
+        Right-hand sides.
+    states : int
+        n; the columns after it are those of θ.
+    origin : list of tuple
+        For each row the constraint and the step of the terminal law that it comes from; None in place of the step for a
+        row of θ ∈ λΘ.
+    """
+
+    G: NDArray[np.float64]
+    g: NDArray[np.float64]
+    states: int
+    origin: list[tuple[str, int | None]]
+
+    def __len__(self) -> int:
+        """Number of rows."""
+        return len(self.g)
+
+    def contains(self, x: Any, theta: Any = (), tolerance: float = 1e-9) -> bool:
+        """Whether (x, θ) lies in the set.
+
+        Parameters
+        ----------
+        x : array_like, shape (n,)
+            State, measured from the operating point.
+        theta : array_like, shape (m,)
+            θ; empty for regulation.
+        tolerance : float, default 1e-9
+            A row may be violated by this; right-hand sides are 1.
+
+        Returns
+        -------
+        bool
+        """
+        from ._convert import as_floats
+
+        z = np.concatenate([np.ravel(as_floats(x, "x")), np.ravel(as_floats(list(theta), "theta"))])
+        if len(z) != self.G.shape[1]:
+            raise argument("x, theta", f"{self.G.shape[1]} numbers together", str(len(z)))
+        return bool(np.all(self.G @ z <= self.g + tolerance))
+
+
+@dataclass(frozen=True, eq=False)
 class Polygon:
     """A set in two coordinates.
 
@@ -111,6 +189,8 @@ class Polygon:
         from ._convert import as_floats
 
         p = as_floats(point, "point")
+        if p.shape != (2,):
+            raise argument("point", "two numbers", f"an array of shape {p.shape}")
         edges = np.roll(self.vertices, -1, axis=0) - self.vertices
         to = p - self.vertices
         return bool(np.all(edges[:, 0] * to[:, 1] - edges[:, 1] * to[:, 0] >= 0.0))
@@ -242,6 +322,17 @@ class Verified:
         return self.statement
 
 
-CLASSES = (AdmissibleSetPoint, Assumption, Attraction, ImplicitTerminalCost, Membership, Polygon, Reach, Verified)
+CLASSES = (
+    AdmissibleSetPoint,
+    Assumption,
+    Attraction,
+    ConstraintRows,
+    ImplicitTerminalCost,
+    MaximalAdmissibleSet,
+    Membership,
+    Polygon,
+    Reach,
+    Verified,
+)
 for _class in CLASSES:
     _class.__module__ = "mpct"

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from os import PathLike
 from typing import TYPE_CHECKING, Any, Union
 
 import numpy as np
 
 from . import _mpct
+from ._atomic import write_atomically
+from ._convert import instance, listed
 from ._errors import argument, argument_type
-from ._mpct import Controller, Problem
+from ._mpct import Controller, Design, Plant, Problem
 
 if TYPE_CHECKING:
     import pandas
@@ -119,6 +122,60 @@ class Run:
         return trajectories(self, **options)
 
 
+    def _disturbed(self, plant: Plant) -> bool:
+        if self.x.shape[1] != plant.states or self.u.shape[1] != plant.inputs:
+            return False
+        x, u = (values - at for values, at in zip((self.x, self.u), plant.operating_point, strict=True))
+        after = np.vstack([x[1:], self.final_state - plant.operating_point[0]])
+        # A run without disturbance follows the model but for the rounding of one product.
+        return bool(np.abs(after - x @ plant.A.T - u @ plant.B.T).max() > 1e-9 * (1.0 + np.abs(after).max()))
+
+    def report(self, design: Design, path: str | PathLike[str] | None = None) -> str:
+        """The report of the command: one HTML page with the guarantees and all plots, which needs no network.
+
+        Parameters
+        ----------
+        design : Design
+            The design of the controller that ran.
+        path : str or os.PathLike, optional
+            Where to write it.
+
+        Returns
+        -------
+        str
+            The page.
+        """
+        return self._drawn(design, None, path)
+
+    def picture(self, design: Design, signals: Sequence[str] = (), path: str | PathLike[str] | None = None) -> str:
+        """Some states and inputs in one SVG file, as the command draws them.
+
+        Parameters
+        ----------
+        design : Design
+            The design of the controller that ran.
+        signals : sequence of str, optional
+            Names of states and inputs; the first four states and two inputs unless stated.
+        path : str or os.PathLike, optional
+            Where to write it.
+
+        Returns
+        -------
+        str
+            The picture.
+        """
+        return self._drawn(design, listed(signals, "signals", "a list of names"), path)
+
+    def _drawn(self, design: Design, signals: list[str] | None, path: str | PathLike[str] | None) -> str:
+        instance(design, Design, "design")
+        if len(self) == 0:
+            raise argument("run", "a run of at least one step", "none")
+        text = _mpct._report(self, design, self._disturbed(design.problem.plant), signals)
+        if path is not None:
+            write_atomically(path, text.encode())
+        return text
+
+
 Run.__module__ = "mpct"
 
 
@@ -126,14 +183,22 @@ def from_arrays(arrays: Mapping[str, Any]) -> Run:
     return Run(**arrays)
 
 
+def _is_scheduled(item: Any) -> bool:
+    """Whether it looks like (from_step, state): a number, then a list or an array."""
+    has_length = [hasattr(part, "__len__") for part in item] if isinstance(item, (list, tuple)) else []
+    return has_length in ([False, True], [False, True, True])
+
+
 def schedule(set_points: Any) -> list[tuple[int, Any, Any]]:
     """Set-points as (from_step, state, input)."""
     if set_points is None or (isinstance(set_points, (list, tuple)) and not set_points):
         return []
-    if isinstance(set_points, (list, tuple)) and any(isinstance(s, tuple) for s in set_points):
+    if isinstance(set_points, tuple) and _is_scheduled(set_points):
+        set_points = [set_points]
+    if isinstance(set_points, (list, tuple)) and any(isinstance(s, tuple) or _is_scheduled(s) for s in set_points):
         known = []
         for i, item in enumerate(set_points):
-            if not isinstance(item, tuple) or len(item) not in (2, 3):
+            if not (_is_scheduled(item) or isinstance(item, tuple) and len(item) in (2, 3)):
                 raise argument_type(f"set_points[{i}]", "(from_step, state) or (from_step, state, input)", repr(item))
             if isinstance(item[0], bool) or not isinstance(item[0], (int, np.integer)) or item[0] < 0:
                 raise argument(f"set_points[{i}]", "a step >= 0", repr(item[0]))
@@ -151,8 +216,8 @@ class Simulation:
     x0 : array_like, shape (n,)
         State at step 0.
     set_points : array_like, shape (n,), or list of tuple
-        One set-point, or a list of (from_step, state) or (from_step, state, input) by ascending step. An empty list
-        stands for the operating point.
+        One set-point, or a list of (from_step, state) or (from_step, state, input) by ascending step. An empty list or
+        None stands for the operating point.
     steps : int
         Number of steps.
     disturbance : array_like, shape (n,), optional
@@ -206,7 +271,8 @@ def simulate(
     x0 : array_like, shape (n,)
         State at step 0.
     set_points : array_like, shape (n,), or list of tuple
-        One set-point, or a list of (from_step, state) or (from_step, state, input) by ascending step.
+        One set-point, or a list of (from_step, state) or (from_step, state, input) by ascending step. An empty list or
+        None stands for the operating point.
     steps : int
         Number of steps.
     disturbance : array_like, shape (n,), optional

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Literal, NamedTuple
 
+from ._convert import as_floats, instance, listed
 from ._errors import DesignError, SimulationError
 from ._mpct import Design, Problem
 from ._run import Run, Simulation
@@ -91,12 +92,15 @@ def sweep(
     >>> [point.terminal_horizon for point in mpct.sweep(problem, [0.9])]
     [5]
     """
-    scalings = [float(scaling) for scaling in scalings]
-    for scaling in scalings:
+    instance(problem, Problem, "problem")
+    if simulation is not None:
+        instance(simulation, Simulation, "simulation")
+    values = as_floats(listed(scalings, "scalings", "a list of numbers"), "scalings").ravel().tolist()
+    for scaling in values:
         # A scaling that is none ends the sweep before the first is worked on.
         problem.replace(scaling=scaling)
-    designs = problem.design_all(scalings, condition, max_horizon, time_limit, False) if scalings else []
-    return [_point(scaling, design, simulation) for scaling, design in zip(scalings, designs, strict=True)]
+    designs = problem.design_all(values, condition, max_horizon, time_limit, False) if values else []
+    return [_point(scaling, design, simulation) for scaling, design in zip(values, designs, strict=True)]
 
 
 def _point(scaling: float, design: Design | DesignError, simulation: Simulation | None) -> SweepPoint:

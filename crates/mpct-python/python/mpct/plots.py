@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ._convert import listed
+from ._errors import argument
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -18,6 +21,10 @@ if TYPE_CHECKING:
 __all__ = ["polygon", "terminal_set", "trajectories"]
 
 
+MOST = 8
+"""Signals of a kind that are drawn unless others are named: more do not fit one figure."""
+
+
 def _pyplot() -> Any:
     try:
         from matplotlib import pyplot
@@ -27,16 +34,35 @@ def _pyplot() -> Any:
 
 
 def _label(names: Sequence[str], units: Sequence[str], symbol: str, i: int) -> str:
-    name = names[i] if i < len(names) and names[i] else f"${symbol}_{{{i}}}$"
+    name = names[i] if i < len(names) and names[i] else f"${symbol}_{{{i + 1}}}$"
     unit = f" [{units[i]}]" if i < len(units) and units[i] else ""
     return name + unit
+
+
+def _chosen(
+    what: str, chosen: Sequence[int | str] | None, count: int, symbol: str, known: Sequence[str]
+) -> list[int]:
+    if chosen is None:
+        return list(range(min(count, MOST)))
+    # Without names they are called as in reports.
+    names = list(known) or [f"{symbol}{i + 1}" for i in range(count)]
+    expected = f"a list of numbers from 0 to {count - 1}, or of names among {', '.join(names[:40])}"
+    found = []
+    for item in listed(chosen, what, expected):
+        if isinstance(item, str) and item in names:
+            found.append(names.index(item))
+        elif isinstance(item, (int, np.integer)) and not isinstance(item, bool) and 0 <= item < count:
+            found.append(int(item))
+        else:
+            raise argument(what, expected, repr(item))
+    return found
 
 
 def trajectories(
     run: Run,
     *,
-    states: Sequence[int] | None = None,
-    inputs: Sequence[int] | None = None,
+    states: Sequence[int | str] | None = None,
+    inputs: Sequence[int | str] | None = None,
     figure: Figure | None = None,
 ) -> Figure:
     """Draws a closed loop over time, with constraints, set-points and artificial steady states.
@@ -45,8 +71,8 @@ def trajectories(
     ----------
     run : Run
         The closed loop.
-    states, inputs : sequence of int, optional
-        Which to draw; the first eight of each unless stated.
+    states, inputs : sequence of int or str, optional
+        Which to draw, by number or name; the first eight of each unless stated.
     figure : matplotlib.figure.Figure, optional
         Where to draw; a new figure unless stated.
 
@@ -54,22 +80,22 @@ def trajectories(
     -------
     matplotlib.figure.Figure
     """
-    states = list(range(run.x.shape[1]))[:8] if states is None else list(states)
-    inputs = list(range(run.u.shape[1]))[:8] if inputs is None else list(inputs)
+    plant = run.problem.plant if run.problem is not None else None
+    states = _chosen("states", states, run.x.shape[1], "x", plant.state_names if plant is not None else [])
+    inputs = _chosen("inputs", inputs, run.u.shape[1], "u", plant.input_names if plant is not None else [])
     rows = len(states) + len(inputs)
     if rows == 0 or len(run) == 0:
-        raise ValueError("there is nothing to draw")
+        raise argument("states, inputs", "a signal to draw, over at least one step", "none")
     if figure is None:
         figure = _pyplot().figure(figsize=(7.0, 1.2 + 1.3 * rows), layout="constrained")
     axes = figure.subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
-    plant = run.problem.plant if run.problem is not None else None
     dt = plant.sampling_time if plant is not None else None
     time = np.arange(len(run)) * (dt or 1.0)
 
-    def draw(ax: Axes, values: Any, artificial: Any, target: Any, limits: Any, label: str, steps: bool) -> None:
+    def draw(ax: Axes, values: Any, artificial: Any, set_point: Any, limits: Any, label: str, steps: bool) -> None:
         style: dict[str, Any] = {"drawstyle": "steps-post"} if steps else {}
-        if target is not None:
-            ax.plot(time, target, color="tab:red", linestyle="--", label="set-point", drawstyle="steps-post")
+        if set_point is not None:
+            ax.plot(time, set_point, color="tab:red", linestyle="--", label="set-point", drawstyle="steps-post")
         ax.plot(time, artificial, color="tab:green", linestyle=":", label="artificial", **style)
         ax.plot(time, values, color="tab:blue", label="closed loop", **style)
         for limit in limits:
@@ -80,11 +106,11 @@ def trajectories(
 
     for ax, i in zip(axes, states):
         limits = [side[i] for side in run.problem.state] if run.problem is not None else []
-        label = _label(plant.state_names, plant.state_units, "x", i) if plant is not None else f"$x_{{{i}}}$"
+        label = _label(plant.state_names, plant.state_units, "x", i) if plant is not None else f"$x_{{{i + 1}}}$"
         draw(ax, run.x[:, i], run.artificial_state[:, i], run.setpoint[:, i], limits, label, False)
     for ax, i in zip(axes[len(states) :], inputs):
         limits = [side[i] for side in run.problem.input] if run.problem is not None else []
-        label = _label(plant.input_names, plant.input_units, "u", i) if plant is not None else f"$u_{{{i}}}$"
+        label = _label(plant.input_names, plant.input_units, "u", i) if plant is not None else f"$u_{{{i + 1}}}$"
         draw(ax, run.u[:, i], run.artificial_input[:, i], None, limits, label, True)
     axes[0].legend(loc="best", fontsize="small")
     axes[-1].set_xlabel("time [s]" if dt else "step")
@@ -111,8 +137,8 @@ def polygon(outline: Polygon, *, ax: Axes | None = None, **style: Any) -> Axes:
         ax = _pyplot().subplots()[1]
     ax.fill(outline.vertices[:, 0], outline.vertices[:, 1], **{"alpha": 0.4, **style})
     i, j = outline.coordinates
-    ax.set_xlabel(ax.get_xlabel() or f"$x_{{{i}}}$")
-    ax.set_ylabel(ax.get_ylabel() or f"$x_{{{j}}}$")
+    ax.set_xlabel(ax.get_xlabel() or f"$x_{{{i + 1}}}$")
+    ax.set_ylabel(ax.get_ylabel() or f"$x_{{{j + 1}}}$")
     ax.grid(True, alpha=0.3)
     return ax
 

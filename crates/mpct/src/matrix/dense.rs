@@ -130,6 +130,11 @@ impl Matrix {
         &self.data
     }
 
+    /// The entries in row-major order, without a copy.
+    pub fn into_vec(self) -> Vec<f64> {
+        self.data
+    }
+
     /// Rows as vectors, for output.
     pub fn to_vecs(&self) -> Vec<Vec<f64>> {
         (0..self.rows).map(|i| self.row(i).to_vec()).collect()

@@ -1,0 +1,102 @@
+"""Reports and pictures are those of the command."""
+
+import json
+import re
+import xml.dom.minidom
+
+import numpy as np
+import pytest
+
+import mpct
+from test_command import COMMAND, EXAMPLES, command
+
+
+def without_times(page):
+    """A page without measured times, which differ from run to run: numbers with a unit of time, and what is drawn of them."""
+    page = re.sub(r"[0-9.e+-]+ (?:ns|[uµ]s|ms|s|%)", "TIME", page)
+    return re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL)
+
+
+def test_report(design, tmp_path):
+    run = mpct.simulate(design.controller(), [0, 0], [(0, [2, 0.5]), (50, [5, 1])], 100)
+    page = run.report(design, tmp_path / "report.html")
+    assert page.startswith("<!DOCTYPE html>") and (tmp_path / "report.html").read_text(encoding="utf-8") == page
+    assert "http://" not in page.replace("http://www.w3.org", "") and "https://" not in page
+    picture = run.picture(design, ["x2", "u1"], tmp_path / "picture.svg")
+    xml.dom.minidom.parseString(picture)
+    assert picture.count("<g transform") == 2 and (tmp_path / "picture.svg").exists()
+    assert run.picture(design).count("<g transform") == 4
+
+
+def test_a_disturbance_is_seen(design):
+    calm = mpct.simulate(design.controller(), [0, 0], [2, 0.5], 30)
+    windy = mpct.simulate(design.controller(), [0, 0], [2, 0.5], 30, disturbance=[1e-6, 0])
+    plant = design.problem.plant
+    assert not calm._disturbed(plant) and windy._disturbed(plant)
+    shifted = mpct.Plant(plant.A, plant.B, operating_point=([1, 0.25], [0.5, 0]))
+    problem = mpct.Problem(shifted, state=(-3, 3), input=(-2, 2), Q=10, R=100, O=1e4)
+    run = mpct.simulate(problem.design().controller(), [0, 0], [2, 0.5], 30)
+    assert not run._disturbed(shifted)
+
+
+@pytest.mark.skipif(COMMAND is None, reason="MPCT_COMMAND names no command")
+def test_report_is_that_of_the_command(tmp_path):
+    page, picture = tmp_path / "page.html", tmp_path / "picture.svg"
+    command("simulate", EXAMPLES / "academic.toml", "--report", page, "--csv", tmp_path / "a.csv", "--picture", picture)
+    file = mpct.ProblemFile.read(EXAMPLES / "academic.toml")
+    design = file.problem.design()
+    run = file.simulation.run(design.controller())
+    assert run.picture(design) == picture.read_text(encoding="utf-8")
+    # The number of linear programs depends on threads.
+    plain = [re.sub(r"\d+ linear programs", "", without_times(p)) for p in (run.report(design), page.read_text(encoding="utf-8"))]
+    assert plain[0] == plain[1]
+
+
+def test_files_of_a_reproduction(tmp_path):
+    found = mpct.reproduce("short", tmp_path / "new" / "folder")
+    names = {p.name for p in (tmp_path / "new" / "folder").iterdir()}
+    assert names == {"section-4.html", "section-4.json", "table-1.csv", "table-2.csv"}
+    assert found["table_1"] and all(line["terminal_horizon"] == line["printed_horizon"] for line in found["table_1"])
+    assert json.loads((tmp_path / "new" / "folder" / "section-4.json").read_text(encoding="utf-8")) == found
+
+
+def test_rows_and_sets(problem, design):
+    rows = problem.constraint_rows()
+    assert len(rows) == problem.rows == len(rows.source) and "state_upper[1]" in rows.source
+    i = rows.source.index("state_upper[1]")
+    np.testing.assert_allclose(rows.C[i] * rows.scale[i], [0, 1])
+    assert rows.scale[i] == 3
+    found = design.maximal_admissible_set()
+    G, g = design.terminal_set()
+    np.testing.assert_array_equal(found.G, G)
+    assert len(found) == len(g) == len(found.origin) and found.states == 2
+    assert {step for _, step in found.origin} <= {None, *range(design.terminal_horizon + 1)}
+    assert found.contains([0, 0], [0, 0]) and not found.contains([3, 3], [0, 0])
+    # A row of step k, evaluated along the terminal law, is the constraint it comes from.
+    A, B, K = problem.plant.A, problem.plant.B, design.gain
+    Mx, Mu = np.split(design.steady_state_basis, [2])
+    law = np.block([[A + B @ K, B @ (Mu - K @ Mx)], [np.zeros((2, 2)), np.eye(2)]])
+    signals = np.block([[np.eye(2), np.zeros((2, 2))], [K, Mu - K @ Mx]])
+    for row, (name, step) in zip(found.G, found.origin):
+        j = rows.source.index(name)
+        if step is not None:
+            constraint = np.concatenate([rows.C[j], rows.D[j]]) @ signals @ np.linalg.matrix_power(law, step)
+            np.testing.assert_allclose(row, constraint, atol=1e-9)
+
+
+def test_continuous_matrices():
+    A, B = [[0.0, 1.0], [0.0, 0.0]], [[0.0], [1.0]]
+    known = mpct.Plant.continuous(A, B, 0.1).continuous_matrices
+    np.testing.assert_array_equal(known[0], A)
+    np.testing.assert_array_equal(known[1], B)
+    assert mpct.Plant(A, B).continuous_matrices is None
+
+
+def test_set_points_with_inputs():
+    # x⁺ = x + u_1 + u_2: every equilibrium state is reached by many inputs, which the input of the set-point chooses.
+    plant = mpct.Plant([[1.0]], [[1.0, 1.0]])
+    problem = mpct.Problem(plant, state=(-1, 1), input=(-2, 2), Q=1, R=1, O=100, O_input=1.0)
+    need = mpct.scaling_need(problem, [0.1], [1.9, -1.9])
+    assert need.needed == pytest.approx(0.95) and mpct.scaling_need(problem, [0.1]).needed == pytest.approx(0.1)
+    advice = mpct.scaling_advice(problem, [[0.1], [0.1]], [None, [1.9, -1.9]])
+    assert [n.needed for n in advice.set_points] == pytest.approx([0.1, 0.95])
