@@ -1,4 +1,4 @@
-//! The command `mpct`: design, simulate and sweep tracking controllers from problem files.
+//! The command `mpct`: design, simulate and analyse tracking controllers from problem files.
 
 mod arguments;
 mod commands;
@@ -6,6 +6,7 @@ mod failure;
 mod interrupt;
 mod output;
 mod report;
+mod show;
 
 use arguments::{Arguments, Command};
 use clap::Parser;
@@ -22,6 +23,7 @@ fn main() -> ExitCode {
         Command::Simulate(a) => commands::simulate::run(&a),
         Command::Sweep(a) => commands::sweep::run(&a),
         Command::Scaling(a) => commands::scaling::run(&a),
+        Command::Domain(a) => commands::domain::run(&a),
         Command::Compare(a) => commands::compare::run(&a),
         Command::Reproduce(a) => commands::reproduce::run(&a),
         Command::Example(a) => commands::example::run(&a),

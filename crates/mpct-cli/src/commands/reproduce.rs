@@ -3,7 +3,7 @@
 use crate::arguments::Reproduce;
 use crate::failure::{Class, Failure};
 use crate::output::{OutputFile, Waiting, print};
-use crate::report::reproduction_page;
+use crate::report::{Format, reproduction_figures, reproduction_page};
 use mpct::analysis::reproduce::{Extent, Reproduction, ReproductionError, reproduce};
 use std::fmt::Write;
 
@@ -24,18 +24,37 @@ pub fn run(arguments: &Reproduce) -> Result<(), Failure> {
         reproduce(extent, &|what| waiting.at(0, what.to_string()))
     };
     let result = result.map_err(failure)?;
-    let json = serde_json::to_string_pretty(&result)
+    let machine = machine();
+    let json = serde_json::to_value(&result)
+        .map(|mut value| {
+            if let Some(object) = value.as_object_mut() {
+                object.insert("machine".into(), machine.clone().into());
+                object.insert("version".into(), env!("CARGO_PKG_VERSION").into());
+            }
+            value
+        })
+        .and_then(|value| serde_json::to_string_pretty(&value))
         .map_err(|e| Failure::new(Class::Io, format!("cannot write JSON: {e}")))?;
     let mut text = String::new();
-    for (what, path) in [
+    let mut written = vec![
         (
             "page",
-            page.write(reproduction_page(&result, &machine()).as_bytes())?,
+            page.write(reproduction_page(&result, &machine).as_bytes())?,
         ),
         ("data", data.write(json.as_bytes())?),
         ("table 1", first.write(table_1(&result).as_bytes())?),
         ("table 2", second.write(table_2(&result).as_bytes())?),
-    ] {
+    ];
+    if arguments.png {
+        for drawn in reproduction_figures(&result) {
+            let bytes = Format::Png
+                .encode(&drawn.svg)
+                .map_err(|m| Failure::new(Class::Io, format!("cannot draw {}: {m}", drawn.name)))?;
+            let file = open(&format!("{}.png", drawn.name))?;
+            written.push(("picture", file.write(&bytes)?));
+        }
+    }
+    for (what, path) in written {
         let _ = writeln!(text, "  {what:<8} {}", path.display());
     }
     print(&text)

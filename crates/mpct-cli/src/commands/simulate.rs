@@ -4,7 +4,8 @@ use crate::arguments::Simulate;
 use crate::commands::{design_with_progress, duration, headline, read, vector};
 use crate::failure::{Class, Failure};
 use crate::output::{OutputFile, Waiting, note, print, print_json};
-use crate::report::{ReportData, choose, picture, render};
+use crate::report::{Format, ReportData, choose, picture, render};
+use crate::show::{show_page, shows_pages};
 use mpct::{Controller, Run, Simulation, SimulationError, StepStatus, TerminalIngredients};
 use serde_json::json;
 use std::fmt::Write;
@@ -22,13 +23,21 @@ pub fn run(arguments: &Simulate) -> Result<(), Failure> {
     if let Some(steps) = arguments.steps {
         simulation.steps = steps;
     }
+    if arguments.open && arguments.report.is_none() && (arguments.no_files || arguments.json) {
+        return Err(Failure::new(
+            Class::Input,
+            "--open needs a report, and none is written with --no-files or --json",
+        )
+        .help("name one with --report"));
+    }
     let report = output(arguments, arguments.report.as_deref(), "html")?;
     let csv = output(arguments, arguments.csv.as_deref(), "csv")?;
     let drawing = match &arguments.picture {
         Some(path) => {
             let choice = choose(&file.problem, &arguments.signals)
                 .map_err(|message| Failure::new(Class::Input, message))?;
-            Some((OutputFile::open(path)?, choice))
+            let format = Format::of(path).map_err(|m| Failure::new(Class::Input, m))?;
+            Some((OutputFile::open(path)?, choice, format))
         }
         None => None,
     };
@@ -74,16 +83,28 @@ pub fn run(arguments: &Simulate) -> Result<(), Failure> {
     let mut written = Vec::new();
     if report.is_some() || drawing.is_some() {
         let data = ReportData::new(controller.ingredients(), &run)
-            .with_disturbance(simulation.disturbance.is_some());
+            .with_disturbance(simulation.disturbance.is_some())
+            .with_proofs(&controller, &run);
         if let Some(report) = report {
             written.push(("report", report.write(render(&data).as_bytes())?));
         }
-        if let Some((file, choice)) = drawing {
-            written.push(("picture", file.write(picture(&data, &choice).as_bytes())?));
+        if let Some((file, choice, format)) = drawing {
+            let bytes = format
+                .encode(&picture(&data, &choice))
+                .map_err(|m| Failure::new(Class::Io, format!("cannot draw the picture: {m}")))?;
+            written.push(("picture", file.write(&bytes)?));
         }
     }
     if let Some(csv) = csv {
         written.push(("trajectories", csv.write(&trajectories(&run)?)?));
+    }
+    if arguments.open
+        && let Some((_, path)) = written.iter().find(|w| w.0 == "report")
+    {
+        match shows_pages() {
+            Ok(()) => show_page(path),
+            Err(why) => note(&format!("{why}; the report is {}", path.display())),
+        }
     }
     if arguments.json {
         return print_json(&json!({

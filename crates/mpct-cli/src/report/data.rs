@@ -59,6 +59,33 @@ pub struct DesignNumbers {
     pub weights: String,
     /// The first step at which each constraint row is spent, the row in words.
     pub spent: Vec<(String, usize)>,
+    /// The margins of the design's proof, or why there is none; `None` when it was not made.
+    pub certificate: Option<Result<CertificateNumbers, String>>,
+    /// Without terminal constraint: where each change of the set-point found the state, by its step.
+    pub regions: Vec<(usize, Result<RegionNumbers, String>)>,
+}
+
+/// What the checker of certificates found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CertificateNumbers {
+    /// Smallest of 1 − support/bound over the rows.
+    pub smallest_margin: f64,
+    pub tightest_row: String,
+    pub rows: usize,
+    pub rows_to_tolerance: usize,
+    pub lyapunov_residual: f64,
+    /// By how much one step less breaks a bound.
+    pub witness: Option<f64>,
+}
+
+/// A state and the stability region of its set-point.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RegionNumbers {
+    pub alpha: f64,
+    pub scope: String,
+    /// V* − V°.
+    pub cost: f64,
+    pub level: f64,
 }
 
 /// A closed loop and the design behind it.

@@ -53,6 +53,8 @@ fn synthetic(n: usize, m: usize, steps: usize) -> ReportData {
                 ["≤", "≥ −"].map(|s| (format!("x{} {s} 3 m", i + 1), 93usize.saturating_sub(7 * i)))
             })
             .collect(),
+        certificate: None,
+        regions: Vec::new(),
     };
     let length = (steps / 4).max(1);
     for k in 0..steps {
