@@ -21,13 +21,16 @@ const ROWS: usize = 4;
 /// A set of states, ready for questions.
 enum Asked<'a> {
     Domain(DomainOfAttraction),
-    Region(StabilityRegion<'a>),
+    /// With the set of feasible states, which proves infeasibility.
+    Region(StabilityRegion<'a>, DomainOfAttraction),
 }
 
 /// Whether a state is inside, with what proves it.
 enum Answer {
     Domain(Membership),
     Region(Attraction),
+    /// (35) has no feasible point at the state.
+    Infeasible(Membership),
 }
 
 /// A plane of two states, and whether it is projected on or cut along.
@@ -87,6 +90,7 @@ pub fn run(arguments: &Domain) -> Result<(), Failure> {
             Set::StabilityRegion => Asked::Region(
                 StabilityRegion::of(&controller, &set_point, arguments.scope.into())
                     .map_err(in_file)?,
+                DomainOfAttraction::of(&controller),
             ),
             _ => Asked::Domain(DomainOfAttraction::of(&controller)),
         };
@@ -133,7 +137,7 @@ fn outside(told: &[Told]) -> Result<(), Failure> {
         Some(first) => Err(Failure::new(
             Class::Infeasible,
             format!(
-                "{} of {asked} states outside, with proof (the first of the set \"{first}\")",
+                "outside, with proof, in {} of {asked} answers (the first for the set \"{first}\")",
                 out.len()
             ),
         )),
@@ -265,6 +269,7 @@ impl Answer {
         match self {
             Self::Domain(m) => m.is_inside(),
             Self::Region(a) => a.is_inside(),
+            Self::Infeasible(_) => false,
         }
     }
 }
@@ -273,7 +278,13 @@ impl Asked<'_> {
     fn contains(&self, state: &[f64]) -> Result<Answer, DesignError> {
         match self {
             Self::Domain(d) => d.contains(state).map(Answer::Domain),
-            Self::Region(r) => r.contains(state).map(Answer::Region),
+            Self::Region(r, feasible) => {
+                let found = r.contains(state)?;
+                if found.cost.is_finite() {
+                    return Ok(Answer::Region(found));
+                }
+                feasible.contains(state).map(Answer::Infeasible)
+            }
         }
     }
 
@@ -281,8 +292,8 @@ impl Asked<'_> {
         match (self, from) {
             (Self::Domain(d), None) => d.reach(direction),
             (Self::Domain(d), Some(x)) => d.reach_from(x, direction),
-            (Self::Region(r), None) => r.reach(direction),
-            (Self::Region(r), Some(x)) => r.reach_from(x, direction),
+            (Self::Region(r, _), None) => r.reach(direction),
+            (Self::Region(r, _), Some(x)) => r.reach_from(x, direction),
         }
     }
 
@@ -293,15 +304,15 @@ impl Asked<'_> {
                 Some(x) => d.section(x, (i, j)),
                 None => d.section(d.origin(), (i, j)),
             },
-            (Self::Region(r), View::Projection(i, j)) => r.projection((i, j)),
-            (Self::Region(r), View::Section(i, j)) => r.section((i, j)),
+            (Self::Region(r, _), View::Projection(i, j)) => r.projection((i, j)),
+            (Self::Region(r, _), View::Section(i, j)) => r.section((i, j)),
         }
     }
 
     fn volume(&self) -> Result<Volume, DesignError> {
         match self {
             Self::Domain(d) => d.volume(),
-            Self::Region(r) => r.volume(),
+            Self::Region(r, _) => r.volume(),
         }
     }
 }
@@ -318,7 +329,7 @@ fn answer(set: Set, asked: &Asked<'_>, questions: &Questions) -> Result<Told, De
         Set::StabilityRegion => ("stability_region", "stability region (section 3.5)"),
     };
     let what = match asked {
-        Asked::Region(r) => format!(
+        Asked::Region(r, _) => format!(
             "{what}: alpha = {:.6} for {}, d = {:.6}, level {:.6e}",
             r.alpha(),
             r.scope(),
@@ -358,7 +369,7 @@ fn as_json(told: &Told) -> Value {
         .iter()
         .map(|(state, answer)| {
             let proof = match answer {
-                Answer::Domain(m) => json!(m),
+                Answer::Domain(m) | Answer::Infeasible(m) => json!(m),
                 Answer::Region(a) => json!(a),
             };
             json!({ "state": state, "inside": answer.is_inside(), "proof": proof })
@@ -421,11 +432,13 @@ fn as_text(text: &mut String, told: &Told) {
 
 fn proof(answer: &Answer) -> String {
     match answer {
-        Answer::Domain(Membership::Inside { slack, .. }) => format!(
+        Answer::Domain(Membership::Inside { slack, .. })
+        | Answer::Infeasible(Membership::Inside { slack, .. }) => format!(
             "inside; a candidate leaves every row {:.3e} of its room or more",
             slack.max(0.0)
         ),
-        Answer::Domain(Membership::Outside { gap, rows, .. }) => {
+        Answer::Domain(Membership::Outside { gap, rows, .. })
+        | Answer::Infeasible(Membership::Outside { gap, rows, .. }) => {
             let told: Vec<String> = rows
                 .iter()
                 .take(ROWS)
@@ -435,8 +448,12 @@ fn proof(answer: &Answer) -> String {
                 0 => String::new(),
                 n => format!(" and {n} more"),
             };
+            let what = match answer {
+                Answer::Infeasible(_) => "outside, (35) is infeasible",
+                _ => "outside",
+            };
             format!(
-                "outside; rows contradict each other by {gap:.3e} with the multipliers {}{more}",
+                "{what}; rows contradict each other by {gap:.3e} with the multipliers {}{more}",
                 told.join(", ")
             )
         }
@@ -444,11 +461,10 @@ fn proof(answer: &Answer) -> String {
             "inside; the optimal cost exceeds the least offset cost by {:.6e}, at most {:.6e}",
             a.cost, a.level
         ),
-        Answer::Region(a) if a.cost.is_finite() => format!(
+        Answer::Region(a) => format!(
             "outside; the optimal cost exceeds the least offset cost by {:.6e}, more than {:.6e}",
             a.cost, a.level
         ),
-        Answer::Region(_) => "outside; (35) is infeasible there".into(),
     }
 }
 
@@ -460,11 +476,12 @@ fn draw(
     signals: &[Signal],
     set_point: &SetPoint,
 ) -> String {
+    // From broad to narrow, so that lines that coincide are all seen.
     const STROKES: [Stroke; 5] = [
+        Stroke::Pale,
         Stroke::Broad,
         Stroke::Dashed,
         Stroke::DashDotted,
-        Stroke::Solid,
         Stroke::Dotted,
     ];
     let (i, j) = match questions.view {

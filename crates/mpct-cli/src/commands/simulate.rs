@@ -4,9 +4,11 @@ use crate::arguments::Simulate;
 use crate::commands::{design_with_progress, duration, headline, read, vector};
 use crate::failure::{Class, Failure};
 use crate::output::{OutputFile, Waiting, note, print, print_json};
-use crate::report::{Format, ReportData, choose, picture, render};
+use crate::report::{Format, Region, ReportData, choose, picture, render};
 use crate::show::{show_page, shows_pages};
-use mpct::{Controller, Run, Simulation, SimulationError, StepStatus, TerminalIngredients};
+use mpct::{
+    Controller, Formulation, Run, Simulation, SimulationError, StepStatus, TerminalIngredients,
+};
 use serde_json::json;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -81,10 +83,13 @@ pub fn run(arguments: &Simulate) -> Result<(), Failure> {
         }
     };
     let mut written = Vec::new();
-    if report.is_some() || drawing.is_some() {
+    let mut regions = Vec::new();
+    let examined = controller.formulation() == Formulation::NoTerminalConstraint;
+    if report.is_some() || drawing.is_some() || examined {
         let data = ReportData::new(controller.ingredients(), &run)
             .with_disturbance(simulation.disturbance.is_some())
             .with_proofs(&controller, &run);
+        regions.clone_from(&data.design.regions);
         if let Some(report) = report {
             written.push(("report", report.write(render(&data).as_bytes())?));
         }
@@ -117,6 +122,7 @@ pub fn run(arguments: &Simulate) -> Result<(), Failure> {
         controller.ingredients(),
         &simulation,
         &run,
+        &regions,
         &written,
     ))
 }
@@ -197,6 +203,7 @@ fn summary(
     ingredients: &TerminalIngredients,
     simulation: &Simulation,
     run: &Run,
+    regions: &[Region],
     written: &[(&str, PathBuf)],
 ) -> String {
     let mut text = headline(ingredients.problem()) + "\n";
@@ -248,6 +255,19 @@ fn summary(
             duration(figures.max_solve_seconds)
         ),
     );
+    for (k, region) in regions {
+        let words = match region {
+            Ok(r) => format!(
+                "{} at step {k}: {:.6e} {} {:.6e}",
+                if r.is_inside() { "inside" } else { "outside" },
+                r.cost,
+                if r.is_inside() { "<=" } else { ">" },
+                r.level
+            ),
+            Err(why) => format!("none at step {k}: {why}"),
+        };
+        line("stability region", words);
+    }
     line("final state", vector(&figures.final_state));
     line("final artificial", vector(&figures.final_artificial_state));
     for (what, path) in written {

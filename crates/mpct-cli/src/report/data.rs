@@ -62,7 +62,7 @@ pub struct DesignNumbers {
     /// The margins of the design's proof, or why there is none; `None` when it was not made.
     pub certificate: Option<Result<CertificateNumbers, String>>,
     /// Without terminal constraint: where each change of the set-point found the state, by its step.
-    pub regions: Vec<(usize, Result<RegionNumbers, String>)>,
+    pub regions: Vec<Region>,
 }
 
 /// What the checker of certificates found.
@@ -76,6 +76,15 @@ pub struct CertificateNumbers {
     pub lyapunov_residual: f64,
     /// By how much one step less breaks a bound.
     pub witness: Option<f64>,
+}
+
+/// A step, and where its state lies in the stability region of its set-point; or why there is no region.
+pub type Region = (usize, Result<RegionNumbers, String>);
+
+impl RegionNumbers {
+    pub fn is_inside(&self) -> bool {
+        self.cost <= self.level
+    }
 }
 
 /// A state and the stability region of its set-point.

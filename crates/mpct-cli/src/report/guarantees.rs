@@ -211,7 +211,7 @@ fn proof(data: &ReportData) -> Vec<(&'static str, String)> {
         );
         let words = match region {
             Err(why) => format!("{at}: not examined, {}", escape(why)),
-            Ok(r) if r.cost <= r.level => format!(
+            Ok(r) if r.is_inside() => format!(
                 "{at} the state is in \u{3a5}: V* \u{2212} V\u{b0} = {} \u{2264} {} (\u{3b1} = {}, admissible for {})",
                 number(r.cost),
                 number(r.level),

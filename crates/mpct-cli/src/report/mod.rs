@@ -21,7 +21,7 @@ mod tables;
 #[cfg(test)]
 mod tests;
 
-pub use data::{ReportData, Signal};
+pub use data::{Region, ReportData, Signal};
 pub use from_run::problem_signals;
 pub use page::render;
 pub use paper::{figures as reproduction_figures, reproduction_page};

@@ -101,7 +101,7 @@ fn figure_1(r: &Reproduction) -> Drawn {
     plane.polygon(
         "terminal set for tracking, projected",
         &one.tracking_set.vertices,
-        Stroke::Solid,
+        Stroke::Pale,
     );
     plane.polygon("domain of attraction", &one.domain.vertices, Stroke::Dotted);
     plane.polygon(
@@ -112,7 +112,7 @@ fn figure_1(r: &Reproduction) -> Drawn {
     plane.path("state", &trace(&one.run), Stroke::Broad);
     plane.marks("set-point", &changes(&one.run, false), Mark::Circle);
     plane.marks(
-        "artificial set-point when the next one comes",
+        "artificial set-point, last of each",
         &changes(&one.run, true),
         Mark::Cross,
     );
@@ -132,12 +132,12 @@ fn figure_2(r: &Reproduction) -> Drawn {
         &all(&[&two.region, &two.tracking_set, &two.feasible], &[]),
     );
     plane.forbidden_beyond(x, y);
-    plane.polygon("stability region", &two.region.vertices, Stroke::Broad);
     plane.polygon(
         "terminal set for tracking, projected",
         &two.tracking_set.vertices,
-        Stroke::Solid,
+        Stroke::Pale,
     );
+    plane.polygon("stability region", &two.region.vertices, Stroke::Broad);
     plane.polygon(
         "states at which (35) is feasible",
         &two.feasible.vertices,
@@ -199,7 +199,7 @@ fn figure_3(r: &Reproduction) -> Vec<Drawn> {
     let artificial: Vec<_> = ends.iter().map(|p| point(&p.artificial)).collect();
     space.marks("set-point", &set_points, Mark::Circle, true);
     space.marks(
-        "artificial set-point when the next one comes",
+        "artificial set-point, last of each",
         &artificial,
         Mark::Cross,
         false,

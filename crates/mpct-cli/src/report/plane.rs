@@ -16,12 +16,13 @@ const LINE: f64 = 20.0;
 /// How a line is drawn.
 #[derive(Clone, Copy)]
 pub enum Stroke {
-    Solid,
     Dashed,
     Dotted,
     DashDotted,
     /// A solid line that is broader than the others: what a plot is about.
     Broad,
+    /// Broad and pale, to lie under other lines.
+    Pale,
 }
 
 /// The shape of a mark.
@@ -35,7 +36,6 @@ pub enum Mark {
 impl Stroke {
     pub fn attributes(self) -> &'static str {
         match self {
-            Self::Solid => "stroke=\"#555\" stroke-width=\"1.5\"",
             Self::Dashed => "stroke=\"#a33b06\" stroke-width=\"1.7\" stroke-dasharray=\"8 4\"",
             Self::Dotted => {
                 "stroke=\"#111\" stroke-width=\"2.2\" stroke-dasharray=\".1 4.6\" stroke-linecap=\"round\""
@@ -43,6 +43,7 @@ impl Stroke {
             Self::DashDotted => {
                 "stroke=\"#333\" stroke-width=\"1.7\" stroke-dasharray=\"9 3.5 1.5 3.5\""
             }
+            Self::Pale => "stroke=\"#bbb\" stroke-width=\"6\" stroke-linejoin=\"round\"",
             Self::Broad => "stroke=\"#3f86d0\" stroke-width=\"2.6\" stroke-linejoin=\"round\"",
         }
     }

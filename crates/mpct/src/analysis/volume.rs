@@ -38,7 +38,7 @@ pub struct Volume {
     pub dimension: usize,
     /// How far the set may reach beyond a side of that hull, at most, as a share of the half-widths.
     pub gap: f64,
-    /// Vertices of the hull.
+    /// Points that span the hull: its vertices, and in space some points of its edges and faces.
     pub vertices: usize,
     /// Support queries made.
     pub queries: usize,
