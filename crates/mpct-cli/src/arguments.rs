@@ -31,6 +31,8 @@ pub enum Command {
     Sweep(Sweep),
     /// The smallest scaling that admits the set-points of a file, and the terminal horizon it costs
     Scaling(Scaling),
+    /// States in the domain of attraction: membership with proof, reach, outlines, areas
+    Domain(Domain),
     /// Two problem files side by side: closed loops, costs, settling, margins, times
     Compare(Compare),
     /// Run section 4 of the paper: its tables and figures as one page and as data
@@ -118,7 +120,7 @@ pub struct Simulate {
     /// Where the trajectories go [default: the name of the file, .csv, in this folder]
     #[arg(long, value_name = "FILE")]
     pub csv: Option<PathBuf>,
-    /// Also draw some states and inputs as one SVG file
+    /// Also draw some states and inputs as one picture: SVG, or PNG when the name ends in .png
     #[arg(long, value_name = "FILE")]
     pub picture: Option<PathBuf>,
     /// States and inputs in the picture, by name, comma separated [default: the first four states and two inputs]
@@ -138,6 +140,9 @@ pub struct Simulate {
     /// Use this formulation instead of the file's
     #[arg(long, value_enum)]
     pub formulation: Option<Formulation>,
+    /// Open the report with the program that shows web pages here
+    #[arg(long)]
+    pub open: bool,
     /// Print JSON; files are then written only when named
     #[arg(long)]
     pub json: bool,
@@ -203,6 +208,89 @@ fn numbers(text: &str) -> Result<Numbers, String> {
 }
 
 #[derive(Debug, Args)]
+pub struct Domain {
+    /// The problem file
+    pub file: PathBuf,
+    #[command(flatten)]
+    pub limits: Limits,
+    /// Which set of states; may be repeated, to compare [default: that of the file's formulation]
+    #[arg(long, value_enum, value_name = "SET")]
+    pub set: Vec<Set>,
+    /// Is this state in the set? Comma separated; may be repeated. Exit code 5 when one is outside
+    #[arg(long, value_name = "NUMBERS", value_parser = numbers, allow_hyphen_values = true)]
+    pub state: Vec<Numbers>,
+    /// How far does the set reach in this direction? Comma separated; may be repeated
+    #[arg(long, value_name = "NUMBERS", value_parser = numbers, allow_hyphen_values = true)]
+    pub direction: Vec<Numbers>,
+    /// Where the reach is measured from, and the state that a section of a domain goes through [default: the operating
+    /// point; for the stability region its set-point]
+    #[arg(long, value_name = "NUMBERS", value_parser = numbers, allow_hyphen_values = true)]
+    pub from: Option<Numbers>,
+    /// Project on two states, named or counted from 0: x1,x2 or 0,1
+    #[arg(long, value_name = "I,J", conflicts_with = "section")]
+    pub outline: Option<String>,
+    /// Cut along two states, named or counted from 0; the others stay as they are in --from
+    #[arg(long, value_name = "I,J")]
+    pub section: Option<String>,
+    /// Length, area or volume of the set, for up to three states
+    #[arg(long)]
+    pub volume: bool,
+    /// The set-point of the stability region of section 3.5 [default: the file's first, or the operating point]
+    #[arg(long, value_name = "NUMBERS", value_parser = numbers, allow_hyphen_values = true)]
+    pub set_point: Option<Numbers>,
+    /// For which artificial set-points the level alpha of section 3.5 has to be admissible
+    #[arg(long, value_enum, default_value_t = Scope::EveryEquilibrium)]
+    pub scope: Scope,
+    /// Draw the outlines: SVG, or PNG when the name ends in .png
+    #[arg(long, value_name = "FILE")]
+    pub picture: Option<PathBuf>,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// A set of states to ask about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Set {
+    /// Where the implicit controller (30) is feasible
+    Implicit,
+    /// Where the explicit controller (9) is feasible; the same set
+    Explicit,
+    /// Where the controller that holds the operating point is feasible (section 3.1)
+    Regulation,
+    /// The stability region of section 3.5
+    #[value(name = "stability_region", alias = "stability-region")]
+    StabilityRegion,
+    /// Where the controller without terminal constraint (35) is feasible
+    #[value(name = "no_terminal_constraint", alias = "no-terminal-constraint")]
+    NoTerminalConstraint,
+}
+
+/// For which artificial set-points alpha is checked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Scope {
+    /// Every admissible equilibrium
+    #[value(name = "every_equilibrium", alias = "every-equilibrium")]
+    EveryEquilibrium,
+    /// Every artificial set-point that the region allows
+    #[value(name = "throughout_region", alias = "throughout-region")]
+    ThroughoutRegion,
+    /// The set-point alone; no proof of convergence from elsewhere
+    #[value(name = "around_set_point", alias = "around-set-point")]
+    AroundSetPoint,
+}
+
+impl From<Scope> for mpct::analysis::AlphaScope {
+    fn from(scope: Scope) -> Self {
+        match scope {
+            Scope::EveryEquilibrium => Self::EveryEquilibrium,
+            Scope::ThroughoutRegion => Self::ThroughoutRegion,
+            Scope::AroundSetPoint => Self::AroundSetPoint,
+        }
+    }
+}
+
+#[derive(Debug, Args)]
 pub struct Compare {
     /// The first problem file
     pub first: PathBuf,
@@ -229,6 +317,9 @@ pub struct Reproduce {
     /// A short form in seconds: three carts, fewer scalings
     #[arg(long, conflicts_with = "full")]
     pub short: bool,
+    /// Also write each figure as a PNG file
+    #[arg(long)]
+    pub png: bool,
 }
 
 #[derive(Debug, Args)]

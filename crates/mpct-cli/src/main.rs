@@ -1,10 +1,11 @@
-//! The command `mpct`: design, simulate and sweep tracking controllers from problem files.
+//! The command `mpct`: design, simulate and analyse tracking controllers from problem files.
 
 mod arguments;
 mod commands;
 mod failure;
 mod interrupt;
 mod output;
+mod show;
 
 use arguments::{Arguments, Command};
 use clap::Parser;
@@ -21,6 +22,7 @@ fn main() -> ExitCode {
         Command::Simulate(a) => commands::simulate::run(&a),
         Command::Sweep(a) => commands::sweep::run(&a),
         Command::Scaling(a) => commands::scaling::run(&a),
+        Command::Domain(a) => commands::domain::run(&a),
         Command::Compare(a) => commands::compare::run(&a),
         Command::Reproduce(a) => commands::reproduce::run(&a),
         Command::Example(a) => commands::example::run(&a),

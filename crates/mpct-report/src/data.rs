@@ -3,9 +3,13 @@
 /// A state or an input: its name, its unit when known, its bounds (±∞ for none).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Signal {
+    /// Its name.
     pub name: String,
+    /// Its unit, when the problem states one.
     pub unit: Option<String>,
+    /// Lower bound, −∞ for none.
     pub lower: f64,
+    /// Upper bound, +∞ for none.
     pub upper: f64,
 }
 
@@ -59,6 +63,42 @@ pub struct DesignNumbers {
     pub weights: String,
     /// The first step at which each constraint row is spent, the row in words.
     pub spent: Vec<(String, usize)>,
+    /// The margins of the design's proof, or why there is none; `None` when it was not made.
+    pub certificate: Option<Result<CertificateNumbers, String>>,
+    /// Without terminal constraint: where each change of the set-point found the state, by its step.
+    pub regions: Vec<Region>,
+}
+
+/// What the checker of certificates found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CertificateNumbers {
+    /// Smallest of 1 − support/bound over the rows.
+    pub smallest_margin: f64,
+    pub tightest_row: String,
+    pub rows: usize,
+    pub rows_to_tolerance: usize,
+    pub lyapunov_residual: f64,
+    /// By how much one step less breaks a bound.
+    pub witness: Option<f64>,
+}
+
+/// A step, and where its state lies in the stability region of its set-point; or why there is no region.
+pub type Region = (usize, Result<RegionNumbers, String>);
+
+impl RegionNumbers {
+    pub fn is_inside(&self) -> bool {
+        self.cost <= self.level
+    }
+}
+
+/// A state and the stability region of its set-point.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RegionNumbers {
+    pub alpha: f64,
+    pub scope: String,
+    /// V* − V°.
+    pub cost: f64,
+    pub level: f64,
 }
 
 /// A closed loop and the design behind it.

@@ -57,6 +57,8 @@ impl ReportData {
             constraint_rows: problem.rows().len(),
             weights,
             spent,
+            certificate: None,
+            regions: Vec::new(),
         };
         Self {
             name: problem.name().into(),

@@ -7,23 +7,31 @@ mod axis;
 mod closed_loop;
 mod data;
 mod from_run;
+mod guarantees;
 mod numbers;
 mod page;
 mod panel;
 mod paper;
 mod picture;
 mod plane;
+mod raster;
 mod reproduction;
+mod space;
 mod svg;
 mod tables;
 #[cfg(test)]
 mod tests;
 
+pub use data::{Region, Signal};
+pub use from_run::problem_signals;
+pub use paper::figures as reproduction_figures;
 pub use picture::Choice;
+pub use plane::{Mark, Plane, Stroke};
+pub use raster::Format;
 pub use reproduction::{REPRODUCTION_FILES, reproduction_files};
 
 use data::ReportData;
-use mpct::{Run, TerminalIngredients};
+use mpct::{Controller, Run, TerminalIngredients};
 
 /// What is reported of a closed loop and of the design behind it.
 ///
@@ -45,6 +53,16 @@ impl Report {
     /// then.
     pub fn new(ingredients: &TerminalIngredients, run: &Run, disturbed: bool) -> Self {
         Self(ReportData::new(ingredients, run).with_disturbance(disturbed))
+    }
+
+    /// The same with the margins of what was proved: see the section on guarantees of the page.
+    pub fn with_proofs(self, controller: &Controller, run: &Run) -> Self {
+        Self(self.0.with_proofs(controller, run))
+    }
+
+    /// Where the stability region of section 3.5 was looked at.
+    pub fn regions(&self) -> &[Region] {
+        &self.0.design.regions
     }
 
     /// The page, as HTML.

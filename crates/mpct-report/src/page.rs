@@ -3,10 +3,11 @@
 use super::axis::{duration, number};
 use super::closed_loop::{Figure, Kind, figures};
 use super::data::{ReportData, quantile};
+use super::guarantees::guarantees;
 use super::numbers;
 use super::panel::Style;
 use super::svg::escape;
-use super::tables::{guarantees, summary};
+use super::tables::summary;
 use std::fmt::Write;
 
 /// The style sheet of pages and pictures.

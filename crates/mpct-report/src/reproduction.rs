@@ -17,8 +17,16 @@ pub const REPRODUCTION_FILES: [&str; 4] = [
 /// # Errors
 /// A message when the data cannot be written as JSON.
 pub fn reproduction_files(result: &Reproduction) -> Result<[(&'static str, String); 4], String> {
-    let json =
-        serde_json::to_string_pretty(result).map_err(|e| format!("cannot write JSON: {e}"))?;
+    let json = serde_json::to_value(result)
+        .map(|mut value| {
+            if let Some(object) = value.as_object_mut() {
+                object.insert("machine".into(), machine().into());
+                object.insert("version".into(), env!("CARGO_PKG_VERSION").into());
+            }
+            value
+        })
+        .and_then(|value| serde_json::to_string_pretty(&value))
+        .map_err(|e| format!("cannot write JSON: {e}"))?;
     Ok([
         ("page", reproduction_page(result, &machine())),
         ("data", json),

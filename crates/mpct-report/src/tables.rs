@@ -1,4 +1,4 @@
-//! Tables of the page: the run, its set-points, the guarantees.
+//! Tables of the page: the run and its set-points.
 
 use super::axis::{duration, number};
 use super::data::{ReportData, Segment, quantile};
@@ -11,7 +11,7 @@ const ENTRIES: usize = 6;
 /// A violation up to this counts as satisfied.
 const SATISFIED: f64 = 1e-8;
 
-fn rows(pairs: &[(&str, String)]) -> String {
+pub(super) fn rows(pairs: &[(&str, String)]) -> String {
     let mut out = String::from("<table>\n");
     for (name, value) in pairs {
         writeln!(out, "<tr><th>{name}</th><td>{value}</td></tr>").unwrap_or(());
@@ -152,86 +152,4 @@ fn set_point_words(data: &ReportData, segment: &Segment) -> String {
         n if n > ENTRIES => format!("{} and {} more", entries[..ENTRIES].join(", "), n - ENTRIES),
         _ => entries.join(", "),
     }
-}
-
-/// What is guaranteed, and the numbers it rests on.
-pub fn guarantees(data: &ReportData) -> String {
-    let d = &data.design;
-    let regulation = d.task == "regulation";
-    let rho = d.spectral_radius;
-    let slow = if rho > 0.0 && rho < 1.0 {
-        format!(
-            "; the slowest mode of the terminal law has a time constant of {} {}",
-            number(-data.step_length() / rho.ln()),
-            data.time_unit()
-        )
-    } else {
-        String::new()
-    };
-    let (symbol, reference) = if regulation {
-        ("M", "(20)")
-    } else {
-        ("M̃", "(29)")
-    };
-    let form = match d.condition.as_str() {
-        "exact" => "first form, exact: the smallest integer for which the set is invariant",
-        "sufficient" => "second form, sufficient: the exact horizon may be shorter",
-        other => other,
-    };
-    let mut pairs = vec![
-        (
-            "A + B K is Schur",
-            format!(
-                "spectral radius {}, margin {}{slow}",
-                number(rho),
-                number(1.0 - rho)
-            ),
-        ),
-        (
-            "P solves (3)",
-            match d.equation_3_residual {
-                Some(r) => format!("largest residual {} of the largest entry of P", number(r)),
-                None => "residual not computed for this report".into(),
-            },
-        ),
-        (
-            "Terminal horizon",
-            format!(
-                "{symbol} = {} by {reference}, {}; {} in {}",
-                d.terminal_horizon,
-                escape(form),
-                count(d.linear_programs, "linear program"),
-                duration(d.seconds)
-            ),
-        ),
-    ];
-    if !regulation {
-        pairs.push((
-            "Scaling",
-            format!(
-                "λ = {}: artificial set-points keep {} % of the room of every constraint",
-                number(d.scaling),
-                number(100.0 * (1.0 - d.scaling))
-            ),
-        ));
-    }
-    if let Some((steps, gamma)) = d.extension {
-        pairs.push((
-            "No terminal constraint",
-            format!(
-                "the terminal law runs for M̄ = {steps} more steps, and the terminal cost is multiplied by γ = {} (35); {symbol} above is not imposed",
-                number(gamma)
-            ),
-        ));
-    }
-    pairs.push((
-        "It follows",
-        match (d.extension, regulation) {
-            (Some(_), _) => "states in the stability region Υ of their set-point stay feasible and converge (section 3.5); whether a state is in Υ is not examined here, and outside of it nothing is proved",
-            (None, true) => "a state that is feasible once stays feasible, and converges to the origin of the model",
-            (None, false) => "a state that is feasible once stays feasible for every set-point (Theorem 3), and converges to an admissible one (Theorem 4)",
-        }
-        .into(),
-    ));
-    rows(&pairs)
 }

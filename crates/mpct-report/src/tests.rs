@@ -55,6 +55,8 @@ fn synthetic(n: usize, m: usize, steps: usize) -> ReportData {
                 ["≤", "≥ −"].map(|s| (format!("x{} {s} 3 m", i + 1), 93usize.saturating_sub(7 * i)))
             })
             .collect(),
+        certificate: None,
+        regions: Vec::new(),
     };
     let length = (steps / 4).max(1);
     for k in 0..steps {
@@ -303,8 +305,18 @@ fn a_real_run_has_a_page() {
     let design = mpct::TerminalIngredients::design(&file.problem, &options).unwrap();
     let mut controller = mpct::Controller::new(design).unwrap();
     let run = mpct::simulate(&mut controller, &file.simulation.unwrap(), None).unwrap();
-    let data = ReportData::new(controller.ingredients(), &run);
+    let data = ReportData::new(controller.ingredients(), &run).with_proofs(&controller, &run);
     assert!(data.design.equation_3_residual.unwrap() < 1e-9);
+    let proof = data.design.certificate.clone().unwrap().unwrap();
+    // The margin of `mpct verify`; one step less is too few.
+    assert!(
+        proof.smallest_margin > 1e-6 && proof.witness.unwrap() > 0.0,
+        "{proof:?}"
+    );
+    assert!(
+        ["x1", "x2", "u1", "u2"].contains(&proof.tightest_row.as_str()),
+        "{proof:?}"
+    );
     let (page, _) = check(&data);
     for part in [
         "M̃ = 5",
@@ -312,6 +324,9 @@ fn a_real_run_has_a_page() {
         "x1 ≤ 3",
         "Q = 10 I",
         "does not rise",
+        "smallest margin",
+        "is too few",
+        "number of steps",
     ] {
         assert!(page.contains(part), "{part}");
     }

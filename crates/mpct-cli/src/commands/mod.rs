@@ -3,6 +3,7 @@
 pub mod check;
 pub mod compare;
 pub mod design;
+pub mod domain;
 pub mod example;
 pub mod reproduce;
 pub mod scaling;

@@ -4,7 +4,7 @@ use crate::arguments::Reproduce;
 use crate::failure::{Class, Failure};
 use crate::output::{OutputFile, Waiting, print};
 use mpct::analysis::reproduce::{Extent, ReproductionError, reproduce};
-use mpct_report::{REPRODUCTION_FILES, reproduction_files};
+use mpct_report::{Format, REPRODUCTION_FILES, reproduction_figures, reproduction_files};
 use std::fmt::Write;
 
 pub fn run(arguments: &Reproduce) -> Result<(), Failure> {
@@ -28,8 +28,20 @@ pub fn run(arguments: &Reproduce) -> Result<(), Failure> {
     let result = result.map_err(failure)?;
     let texts = reproduction_files(&result).map_err(|e| Failure::new(Class::Io, e))?;
     let mut text = String::new();
+    let mut written = Vec::new();
     for (place, (what, content)) in places.into_iter().zip(texts) {
-        let path = place.write(content.as_bytes())?;
+        written.push((what, place.write(content.as_bytes())?));
+    }
+    if arguments.png {
+        for drawn in reproduction_figures(&result) {
+            let bytes = Format::Png
+                .encode(&drawn.svg)
+                .map_err(|m| Failure::new(Class::Io, format!("cannot draw {}: {m}", drawn.name)))?;
+            let file = open(&format!("{}.png", drawn.name))?;
+            written.push(("picture", file.write(&bytes)?));
+        }
+    }
+    for (what, path) in written {
         let _ = writeln!(text, "  {what:<8} {}", path.display());
     }
     print(&text)

@@ -4,8 +4,11 @@ use crate::arguments::Simulate;
 use crate::commands::{design_with_progress, duration, headline, read, vector};
 use crate::failure::{Class, Failure};
 use crate::output::{OutputFile, Waiting, note, print, print_json};
-use mpct::{Controller, Run, Simulation, SimulationError, StepStatus, TerminalIngredients};
-use mpct_report::{Choice, Report};
+use crate::show::{show_page, shows_pages};
+use mpct::{
+    Controller, Formulation, Run, Simulation, SimulationError, StepStatus, TerminalIngredients,
+};
+use mpct_report::{Choice, Format, Region, Report};
 use serde_json::json;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -22,13 +25,21 @@ pub fn run(arguments: &Simulate) -> Result<(), Failure> {
     if let Some(steps) = arguments.steps {
         simulation.steps = steps;
     }
+    if arguments.open && arguments.report.is_none() && (arguments.no_files || arguments.json) {
+        return Err(Failure::new(
+            Class::Input,
+            "--open needs a report, and none is written with --no-files or --json",
+        )
+        .help("name one with --report"));
+    }
     let report = output(arguments, arguments.report.as_deref(), "html")?;
     let csv = output(arguments, arguments.csv.as_deref(), "csv")?;
     let drawing = match &arguments.picture {
         Some(path) => {
             let choice = Choice::of(&file.problem, &arguments.signals)
                 .map_err(|message| Failure::new(Class::Input, message))?;
-            Some((OutputFile::open(path)?, choice))
+            let format = Format::of(path).map_err(|m| Failure::new(Class::Input, m))?;
+            Some((OutputFile::open(path)?, choice, format))
         }
         None => None,
     };
@@ -72,21 +83,32 @@ pub fn run(arguments: &Simulate) -> Result<(), Failure> {
         }
     };
     let mut written = Vec::new();
-    if report.is_some() || drawing.is_some() {
-        let data = Report::new(
-            controller.ingredients(),
-            &run,
-            simulation.disturbance.is_some(),
-        );
+    let mut regions = Vec::new();
+    let examined = controller.formulation() == Formulation::NoTerminalConstraint;
+    if report.is_some() || drawing.is_some() || examined {
+        let data = Report::new(controller.ingredients(), &run, simulation.disturbance.is_some())
+            .with_proofs(&controller, &run);
+        regions = data.regions().to_vec();
         if let Some(report) = report {
             written.push(("report", report.write(data.page().as_bytes())?));
         }
-        if let Some((file, choice)) = drawing {
-            written.push(("picture", file.write(data.picture(&choice).as_bytes())?));
+        if let Some((file, choice, format)) = drawing {
+            let bytes = format
+                .encode(&data.picture(&choice))
+                .map_err(|m| Failure::new(Class::Io, format!("cannot draw the picture: {m}")))?;
+            written.push(("picture", file.write(&bytes)?));
         }
     }
     if let Some(csv) = csv {
         written.push(("trajectories", csv.write(&trajectories(&run)?)?));
+    }
+    if arguments.open
+        && let Some((_, path)) = written.iter().find(|w| w.0 == "report")
+    {
+        match shows_pages() {
+            Ok(()) => show_page(path),
+            Err(why) => note(&format!("{why}; the report is {}", path.display())),
+        }
     }
     if arguments.json {
         return print_json(&json!({
@@ -99,6 +121,7 @@ pub fn run(arguments: &Simulate) -> Result<(), Failure> {
         controller.ingredients(),
         &simulation,
         &run,
+        &regions,
         &written,
     ))
 }
@@ -179,6 +202,7 @@ fn summary(
     ingredients: &TerminalIngredients,
     simulation: &Simulation,
     run: &Run,
+    regions: &[Region],
     written: &[(&str, PathBuf)],
 ) -> String {
     let mut text = headline(ingredients.problem()) + "\n";
@@ -230,6 +254,19 @@ fn summary(
             duration(figures.max_solve_seconds)
         ),
     );
+    for (k, region) in regions {
+        let words = match region {
+            Ok(r) => format!(
+                "{} at step {k}: {:.6e} {} {:.6e}",
+                if r.is_inside() { "inside" } else { "outside" },
+                r.cost,
+                if r.is_inside() { "<=" } else { ">" },
+                r.level
+            ),
+            Err(why) => format!("none at step {k}: {why}"),
+        };
+        line("stability region", words);
+    }
     line("final state", vector(&figures.final_state));
     line("final artificial", vector(&figures.final_artificial_state));
     for (what, path) in written {

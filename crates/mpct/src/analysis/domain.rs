@@ -5,6 +5,7 @@
 
 use super::polygon::{Polygon, Touch, outline};
 use super::program::{ProgramRow, StateProgram, failure};
+use super::volume::{Support, Volume, volume};
 use crate::control::Controller;
 use crate::error::DesignError;
 use crate::linalg::Dense;
@@ -62,6 +63,21 @@ pub struct Reach {
     pub state: Vec<f64>,
 }
 
+/// The largest entry of a direction of n finite entries that is not zero.
+pub(super) fn size_of_direction(direction: &[f64], n: usize) -> Result<f64, DesignError> {
+    crate::problem::plant::check_vector("direction", direction, n)?;
+    let largest = direction.iter().fold(0.0_f64, |a, v| a.max(v.abs()));
+    if largest > 0.0 {
+        Ok(largest)
+    } else {
+        Err(DesignError::OutOfRange {
+            what: "direction".into(),
+            expected: "a vector with an entry that is not 0".into(),
+            found: format!("{direction:?}"),
+        })
+    }
+}
+
 /// The domain of attraction of a controller: implicit, explicit, for tracking or regulation.
 ///
 /// For the formulation without terminal constraint it is the set of feasible states; what is attracted is
@@ -97,6 +113,11 @@ impl DomainOfAttraction {
         Self {
             program: StateProgram::of(controller),
         }
+    }
+
+    /// The operating point's state, from which [`reach`](Self::reach) is measured.
+    pub fn origin(&self) -> &[f64] {
+        &self.program.origin
     }
 
     /// Whether a state (physical coordinates, length n) is in the domain, with a proof either way.
@@ -159,15 +180,7 @@ impl DomainOfAttraction {
     /// state outside the domain; [`DesignError::Unbounded`] when it reaches to infinity.
     pub fn reach_from(&self, state: &[f64], direction: &[f64]) -> Result<Reach, DesignError> {
         let x = self.program.shifted("state", state)?;
-        crate::problem::plant::check_vector("direction", direction, x.len())?;
-        let largest = direction.iter().fold(0.0_f64, |a, v| a.max(v.abs()));
-        if !(largest > 0.0) {
-            return Err(DesignError::OutOfRange {
-                what: "direction".into(),
-                expected: "a vector with an entry that is not 0".into(),
-                found: format!("{direction:?}"),
-            });
-        }
+        let largest = size_of_direction(direction, x.len())?;
         if let Membership::Outside { gap, .. } = self.contains(state)? {
             return Err(DesignError::OutOfRange {
                 what: "the state from which the reach is asked".into(),
@@ -237,6 +250,27 @@ impl DomainOfAttraction {
         let body = self.program.body(&x, &self.program.plane(coordinates));
         let inside = self.interior(&body, "a section of the domain of attraction", &x)?;
         self.outline(&body, &inside, coordinates, (0, 1), OUTLINE)
+    }
+
+    /// The volume of the domain, for plants of up to three states.
+    ///
+    /// # Errors
+    /// [`DesignError::OutOfRange`] for more states; [`DesignError::Unbounded`], [`DesignError::Solver`].
+    pub fn volume(&self) -> Result<Volume, DesignError> {
+        let n = self.program.states();
+        let body = self.program.body(&vec![0.0; n], &Dense::identity(n, n));
+        let inside = vec![0.0; body.variables()];
+        volume("the domain of attraction", n, OUTLINE, |d| {
+            let mut c = vec![0.0; body.variables()];
+            c[..n].copy_from_slice(d);
+            let value = body
+                .support(&c, &inside)
+                .map_err(|e| failure("the volume of the domain of attraction", "a state", e))?;
+            Ok(Support {
+                point: value.point[..n].to_vec(),
+                upper: value.upper,
+            })
+        })
     }
 
     /// A point strictly inside: the origin where it is one.

@@ -9,6 +9,7 @@ pub mod reproduce;
 mod scaling;
 mod stability_region;
 mod terminal_set;
+mod volume;
 
 pub use alpha::{AlphaBounds, AlphaScope};
 pub use domain::{DomainOfAttraction, MEMBERSHIP, Membership, OUTLINE, Reach};
@@ -16,5 +17,6 @@ pub use performance::{ComparedFigure, ConstraintMargin, Performance, SETTLED, Se
 pub use polygon::Polygon;
 pub use program::ProgramRow;
 pub use scaling::{SMALLEST_SCALING, ScalingAdvice, ScalingNeed, scaling_advice, scaling_need};
-pub use stability_region::{Attraction, CURVED_OUTLINE, StabilityRegion};
+pub use stability_region::{Attraction, CURVED_HULL, CURVED_OUTLINE, StabilityRegion};
 pub use terminal_set::terminal_set;
+pub use volume::{LARGEST_DIMENSION, Volume};

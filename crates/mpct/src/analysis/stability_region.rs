@@ -11,8 +11,10 @@
 //! V* is convex, so Υ is; membership is one quadratic program, an outline a sequence of second-order cone programs.
 
 use super::alpha::{AlphaBounds, AlphaScope};
+use super::domain::Reach;
 use super::polygon::{Polygon, Touch, outline};
 use super::program::{StateProgram, failure};
+use super::volume::{Support, Volume, volume};
 use crate::control::{Controller, no_terminal_constraint, weighted_square};
 use crate::error::{DesignError, StepError};
 use crate::linalg::{self, Dense};
@@ -23,6 +25,8 @@ use serde::Serialize;
 
 /// Tolerance of an outline of a region with curved boundary, as a share of the half-widths.
 pub const CURVED_OUTLINE: f64 = 1e-4;
+/// Tolerance of a hull in three states: queries grow with the reciprocal.
+pub const CURVED_HULL: f64 = 5e-3;
 /// Curvatures below this share of the largest are rounding.
 const FLAT: f64 = 1e-13;
 
@@ -165,6 +169,131 @@ impl<'a> StabilityRegion<'a> {
         }
     }
 
+    /// How far the region reaches from its set-point (the closest admissible equilibrium) in a direction (length n, not
+    /// zero).
+    ///
+    /// # Errors
+    /// As [`StabilityRegion::reach_from`].
+    pub fn reach(&self, direction: &[f64]) -> Result<Reach, DesignError> {
+        let at = StateProgram::of(self.controller).shifted("set-point", &self.closest.state)?;
+        self.along(&at, direction, |body| self.interior(body))
+    }
+
+    /// How far the region reaches from a state of it in a direction.
+    ///
+    /// # Errors
+    /// [`DesignError::Shape`], [`DesignError::NotFinite`]; [`DesignError::OutOfRange`] for the zero direction and for a
+    /// state outside or on the boundary; [`DesignError::Unbounded`], [`DesignError::Solver`].
+    pub fn reach_from(&self, state: &[f64], direction: &[f64]) -> Result<Reach, DesignError> {
+        let at = StateProgram::of(self.controller).shifted("state", state)?;
+        let refused = |found: String| DesignError::OutOfRange {
+            what: "the state from which the reach is asked".into(),
+            expected: "a state inside the stability region".into(),
+            found,
+        };
+        let attraction = self.contains(state)?;
+        if !attraction.is_inside() {
+            return Err(refused(format!(
+                "{state:?}, where V* - V_O is {:.6e} and the level {:.6e}",
+                attraction.cost, attraction.level
+            )));
+        }
+        let optimum = self.optimum(state)?;
+        self.along(&at, direction, |body| {
+            // Between the optimum, which is deep in the level set, and the point that is deepest in the rows.
+            let deepest = body
+                .deepest()
+                .map_err(|e| failure("the reach of the stability region", "a variable", e))?;
+            let mut best = (f64::INFINITY, Vec::new());
+            for share in [0.5, 0.2, 0.05, 1e-2, 1e-3, 1e-4, 1e-6] {
+                let mut v = vec![0.0; body.variables()];
+                for (i, z) in optimum.iter().enumerate() {
+                    v[1 + i] = (1.0 - share) * z + share * deepest.point[1 + i];
+                }
+                v[0] = share * deepest.point[0];
+                let violation = body.violation(&v);
+                if violation < best.0 {
+                    best = (violation, v);
+                }
+            }
+            if best.0 < 0.0 {
+                Ok(best.1)
+            } else {
+                Err(refused(format!(
+                    "{state:?}, on the boundary: no point near it is inside by more than {:.3e}",
+                    -best.0
+                )))
+            }
+        })
+    }
+
+    /// The largest t with at + t direction in the region.
+    fn along(
+        &self,
+        at: &[f64],
+        direction: &[f64],
+        inside: impl FnOnce(&Body) -> Result<Vec<f64>, DesignError>,
+    ) -> Result<Reach, DesignError> {
+        let largest = super::domain::size_of_direction(direction, at.len())?;
+        let unit = Dense::from_fn(at.len(), 1, |i, _| direction[i] / largest);
+        let body = self.body(at, &unit)?;
+        let inside = inside(&body)?;
+        let mut c = vec![0.0; body.variables()];
+        c[0] = 1.0;
+        let value = body.support(&c, &inside).map_err(|e| {
+            let named = format!("the direction {direction:?}");
+            failure("the reach of the stability region", named, e)
+        })?;
+        let t = value.lower / largest;
+        let reached: Vec<f64> = at.iter().zip(direction).map(|(x, v)| x + t * v).collect();
+        Ok(Reach {
+            distance: t,
+            at_most: value.upper / largest,
+            state: StateProgram::of(self.controller).physical(&reached),
+        })
+    }
+
+    /// z of the optimum at a state.
+    fn optimum(&self, state: &[f64]) -> Result<Vec<f64>, DesignError> {
+        self.controller
+            .optimum(&self.qp, state, &self.set_point)
+            .map_err(|error| DesignError::Solver {
+                what: "the optimum at a state of the stability region".into(),
+                detail: error.to_string(),
+            })
+    }
+
+    /// The volume of the region, for plants of up to three states. Its boundary is curved: the hull of points of it is
+    /// accurate to [`CURVED_OUTLINE`] in the plane and to [`CURVED_HULL`] in space.
+    ///
+    /// # Errors
+    /// [`DesignError::OutOfRange`] for more states; [`DesignError::Solver`].
+    pub fn volume(&self) -> Result<Volume, DesignError> {
+        let n = self.closest.state.len();
+        let at = StateProgram::of(self.controller).shifted("set-point", &self.closest.state)?;
+        let body = self.body(&at, &Dense::identity(n, n))?;
+        let inside = self.interior(&body)?;
+        let tolerance = if n > 2 { CURVED_HULL } else { CURVED_OUTLINE };
+        volume("the stability region", n, tolerance, |d| {
+            let mut c = vec![0.0; body.variables()];
+            c[..n].copy_from_slice(d);
+            let value = body
+                .support(&c, &inside)
+                .map_err(|e| failure("the volume of the stability region", "a state", e))?;
+            Ok(Support {
+                point: value.point[..n].to_vec(),
+                upper: value.upper,
+            })
+        })
+    }
+
+    /// The body of (s, z) with x = at + E s, the level of the cost included.
+    fn body(&self, at: &[f64], directions: &Dense) -> Result<Body, DesignError> {
+        let mut body = StateProgram::of(self.controller).body(at, directions);
+        body.balls.push(self.cost_ball(at, directions)?);
+        Ok(body)
+    }
+
     /// The projection of the region on two coordinates.
     ///
     /// # Errors
@@ -193,9 +322,8 @@ impl<'a> StabilityRegion<'a> {
         let program = StateProgram::of(self.controller);
         program.check_coordinates(coordinates)?;
         let at = program.shifted("set-point", &self.closest.state)?;
-        let mut body = program.body(&at, directions);
-        body.balls.push(self.cost_ball(&at, directions)?);
-        let inside = self.interior(&body, directions.ncols())?;
+        let body = self.body(&at, directions)?;
+        let inside = self.interior(&body)?;
         let mut polygon = outline(coordinates, CURVED_OUTLINE, |direction| {
             let mut c = vec![0.0; body.variables()];
             (c[i], c[j]) = (direction[0], direction[1]);
@@ -219,7 +347,7 @@ impl<'a> StabilityRegion<'a> {
     }
 
     /// The set-point's equilibrium, a little towards the operating point where λΘ is active there.
-    fn interior(&self, body: &Body, free: usize) -> Result<Vec<f64>, DesignError> {
+    fn interior(&self, body: &Body) -> Result<Vec<f64>, DesignError> {
         let mut best: Option<(f64, Vec<f64>)> = None;
         for share in [0.0, 1e-4, 1e-3, 1e-2, 0.1] {
             let mut v = vec![0.0; body.variables()];
@@ -232,7 +360,6 @@ impl<'a> StabilityRegion<'a> {
                 best = Some((violation, v));
             }
         }
-        debug_assert!(free <= body.variables());
         match best {
             Some((violation, v)) if violation < 0.0 => Ok(v),
             other => Err(DesignError::Solver {

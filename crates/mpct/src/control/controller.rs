@@ -370,9 +370,21 @@ impl Controller {
         set_point: &SetPoint,
     ) -> Result<Step, StepError> {
         let (x, r) = self.shifted(state, set_point)?;
+        let z = self.optimum(qp, state, set_point)?;
+        Ok(self.describe(&x, &r, &z))
+    }
+
+    /// z of that optimum.
+    pub(crate) fn optimum(
+        &self,
+        qp: &PreparedQp,
+        state: &[f64],
+        set_point: &SetPoint,
+    ) -> Result<Vec<f64>, StepError> {
+        let (x, r) = self.shifted(state, set_point)?;
         let (f, b) = self.solver.linear_and_bounds(&x, &r);
         match qp.solve(&f, &b) {
-            Ok(solution) => Ok(self.describe(&x, &r, &solution.z)),
+            Ok(solution) => Ok(solution.z),
             Err(Failure::Infeasible(proof)) => Err(StepError::Infeasible {
                 gap: proof.gap,
                 radius: proof.radius,

@@ -19,6 +19,23 @@ pub fn academic(scaling: f64) -> Problem {
         .expect("problem")
 }
 
+/// A double integrator with a weak input, x⁺ = [1 1; 0 1] x + [0.5; 1] u, |x| ≤ 3, |u| ≤ 0.3, N = 2: what the terminal
+/// constraint is decides which states are attracted.
+pub fn weak() -> Problem {
+    let plant = Plant::discrete(
+        Matrix::from_rows(&[[1.0, 1.0], [0.0, 1.0]]),
+        Matrix::from_rows(&[[0.5], [1.0]]),
+    )
+    .expect("plant");
+    let constraints = Constraints::new(2, 1)
+        .state_bounds(&[-3.0; 2], &[3.0; 2])
+        .and_then(|c| c.input_bounds(&[-0.3], &[0.3]))
+        .expect("constraints");
+    Problem::new(plant, constraints, Weights::new(1.0, 1.0, 1e3))
+        .and_then(|p| p.with_prediction_horizon(2))
+        .expect("problem")
+}
+
 /// Section 4.3 with the values that reproduce the paper's M̃.
 pub fn drone() -> Problem {
     let (g, mass) = (9.81, 0.6);

@@ -7,3 +7,4 @@ mod oracle;
 mod reproduction;
 mod service;
 mod terminal_cost;
+mod terminal_set;

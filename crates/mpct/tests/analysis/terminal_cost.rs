@@ -163,6 +163,40 @@ fn regulation_is_the_same_implicit_and_explicit_and_by_the_oracle() {
 }
 
 #[test]
+fn the_drone_is_regulated_the_same_implicitly_and_explicitly() {
+    let home = SetPoint::state([0.0; 12]);
+    let ingredients = design(&drone().with_task(Task::Regulation));
+    let of = |f| Controller::with_formulation(ingredients.clone(), f).expect("controller");
+    let (mut implicit, mut explicit) = (of(Formulation::Implicit), of(Formulation::Explicit));
+    assert!(explicit.rows() < implicit.rows());
+    let mut saturated = 0;
+    for e in directions(12, 40) {
+        let x: Vec<f64> = e
+            .iter()
+            .enumerate()
+            .map(|(i, v)| if i < 6 { v * 0.8 } else { v * 0.1 })
+            .collect();
+        implicit.reset();
+        explicit.reset();
+        let (a, b) = (
+            implicit.step(&x, &home).expect("implicit"),
+            explicit.step(&x, &home).expect("explicit"),
+        );
+        assert!(
+            (a.cost - b.cost).abs() <= 1e-8 * a.cost,
+            "{} {}",
+            a.cost,
+            b.cost
+        );
+        for (u, v) in a.input.iter().zip(&b.input) {
+            assert!((u - v).abs() < 1e-7, "{:?} {:?}", a.input, b.input);
+        }
+        saturated += usize::from(a.input[1..].iter().any(|u| u.abs() > 0.0429));
+    }
+    assert!(saturated > 0, "no state met a constraint");
+}
+
+#[test]
 fn regulation_has_m_by_both_forms() {
     use mpct::{Condition, DesignOptions, TerminalIngredients};
     let problem = academic(0.9).with_task(Task::Regulation);

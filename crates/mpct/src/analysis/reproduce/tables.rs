@@ -108,7 +108,7 @@ pub(super) fn table_2(
     // Largest size, largest size with an explicit set, time given to the closed loop of one size and formulation.
     let (largest, explicit_up_to, budget) = match extent {
         Extent::Short => (3, 3, 1.0),
-        Extent::Standard => (50, 15, 3.0),
+        Extent::Standard => (50, 50, 3.0),
         Extent::Full => (200, 200, 60.0),
     };
     TABLE_2
