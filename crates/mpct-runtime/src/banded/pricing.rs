@@ -73,9 +73,11 @@ impl<T: Scalar> Parts<'_, T> {
                 }
             }
             let Some(group) = worst else { return Ok(None) };
-            if self.moved[group] > T::ZERO || !(self.known[group] < T::INFINITY) {
+            // Written so that a movement that is not a number is measured.
+            if !(self.moved[group] <= T::ZERO) || !(self.known[group] < T::INFINITY) {
                 self.measure(tables, group);
-                if self.known[group].is_nan() {
+                // An infinite excess, too: it would be measured for ever.
+                if !(self.known[group] < T::INFINITY) {
                     return Err(());
                 }
                 continue;

@@ -344,7 +344,8 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
             let range = p.factor.solve_row(&d.rows, row.pair, p.direction);
             let window = d.rows.window(row.pair);
             let compliance = crate::dense::dot(d.rows.row(row.pair), &p.direction[window.clone()]);
-            if !(compliance > T::ZERO) || !compliance.is_finite() {
+            // 0 of a row without entries: its multiplier grows, and becomes the proof.
+            if !(compliance >= T::ZERO) || !compliance.is_finite() {
                 return Err(Stop::Trouble);
             }
             let mut t = (beyond - multiplier * softness) / (compliance + softness);
