@@ -60,10 +60,7 @@ impl<T: Scalar> Parts<'_, T> {
     }
 
     /// The most violated row that is not active. `Err` when an excess is not a number.
-    pub fn price(
-        &mut self,
-        tables: &BandedTables<'_, T>,
-    ) -> Result<Option<Violated<T>>, ()> {
+    pub fn price(&mut self, tables: &BandedTables<'_, T>) -> Result<Option<Violated<T>>, ()> {
         loop {
             let (mut worst, mut excess) = (None, T::ZERO);
             for (group, (&known, &moved)) in self.known.iter().zip(self.moved.iter()).enumerate() {
@@ -120,10 +117,7 @@ impl<T: Scalar> Parts<'_, T> {
         }
         let t = t.abs();
         for group in 0..self.known.len() {
-            let (from, to) = (
-                self.spans[0][group] as usize,
-                self.spans[1][group] as usize,
-            );
+            let (from, to) = (self.spans[0][group] as usize, self.spans[1][group] as usize);
             if from >= range.end || to <= range.start || to == 0 {
                 continue;
             }
@@ -131,7 +125,7 @@ impl<T: Scalar> Parts<'_, T> {
             for block in (from / BLOCK).max(first)..=((to - 1) / BLOCK).min(last) {
                 sum += self.blocks[block];
             }
-            self.moved[group] += t * self.reach[0][group] * sum.sqrt_upper();
+            self.add_movement(group, t * self.reach[0][group] * sum.sqrt_upper());
         }
     }
 
@@ -149,10 +143,7 @@ impl<T: Scalar> Parts<'_, T> {
             self.blocks[block] = sum;
         }
         for group in 0..self.known.len() {
-            let (from, to) = (
-                self.spans[2][group] as usize,
-                self.spans[3][group] as usize,
-            );
+            let (from, to) = (self.spans[2][group] as usize, self.spans[3][group] as usize);
             if to == 0 {
                 continue;
             }
@@ -160,7 +151,16 @@ impl<T: Scalar> Parts<'_, T> {
             for block in from / BLOCK..=(to - 1) / BLOCK {
                 sum += self.blocks[block];
             }
-            self.moved[group] += self.reach[1][group] * sum.sqrt_upper();
+            self.add_movement(group, self.reach[1][group] * sum.sqrt_upper());
+        }
+    }
+
+    /// Rounded up: movements far smaller than what they are added to would be lost otherwise, and a slow drift never be seen.
+    #[inline(always)]
+    fn add_movement(&mut self, group: usize, by: T) {
+        // No branch on NaN: what is not a number is measured.
+        if by != T::ZERO {
+            self.moved[group] = (self.moved[group] + by) * (T::ONE + T::EPSILON);
         }
     }
 }
