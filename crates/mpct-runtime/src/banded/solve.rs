@@ -202,7 +202,9 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
         for v in 0..p.z.len() {
             let part = usize::from(d.next_stage[v] as usize == v);
             left[part] = larger(left[part], p.direction[v].abs());
-            let terms = p.linear[v].abs().max((p.unit[v] * p.unit[v] * p.z[v]).abs());
+            let terms = p.linear[v]
+                .abs()
+                .max((p.unit[v] * p.unit[v] * p.z[v]).abs());
             size[part] = size[part].max(terms);
         }
         (larger(left[0] / size[0], left[1] / size[1]), error)
@@ -392,7 +394,10 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
                     -((-y).max(T::ZERO))
                 };
             }
-            for (z, &step) in p.z[range.clone()].iter_mut().zip(&p.direction[range.clone()]) {
+            for (z, &step) in p.z[range.clone()]
+                .iter_mut()
+                .zip(&p.direction[range.clone()])
+            {
                 *z -= t * sign * step;
             }
             p.moved_variables(range, t);
@@ -476,7 +481,7 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
             let old = p.stiff[pair];
             let new = if !harder {
                 base
-            } else if p.slope[k].abs() > T::REFINE * d.scale[pair] 
+            } else if p.slope[k].abs() > T::REFINE * d.scale[pair]
                 && old <= base * T::from_f64(HARDER)
             {
                 old * T::from_f64(HARDER)
