@@ -27,7 +27,14 @@ impl Walk {
     }
 
     /// `amplitude` of f; `state` of x; `squeeze` how often a state that closes gaps is near 1.
-    fn advance(&mut self, random: &mut Lcg, case: &Case, amplitude: f64, state: f64, squeeze: usize) {
+    fn advance(
+        &mut self,
+        random: &mut Lcg,
+        case: &Case,
+        amplitude: f64,
+        state: f64,
+        squeeze: usize,
+    ) {
         let jump = random.below(4) == 0;
         for (table, &at) in case.state_order.iter().enumerate() {
             let x = &mut self.x[at as usize];
@@ -71,12 +78,23 @@ fn sequences(seed: u64, rounds: usize, largest: usize, sane: bool, reference: us
         let mut controller = judge::controller(&tables);
         let mut walk = Walk::new(&case);
         let amplitude = 10.0_f64.powf(random.signed());
-        let state = if sane || random.below(2) == 0 { 0.5 } else { 5.0 };
+        let state = if sane || random.below(2) == 0 {
+            0.5
+        } else {
+            5.0
+        };
         for k in 0..8 {
             walk.advance(&mut random, &case, amplitude, state, 4);
             let at = (walk.x.as_slice(), walk.r.as_slice());
             let with_reference = (8 * round + k) % reference == 0;
-            let answer = judge::step(&case, &tables, &mut controller, at, Budget::unlimited(), with_reference);
+            let answer = judge::step(
+                &case,
+                &tables,
+                &mut controller,
+                at,
+                Budget::unlimited(),
+                with_reference,
+            );
             if answer == Answer::Other {
                 println!("round {round} step {k}: {kind:?} amplitude {amplitude} state {state}");
             }
@@ -90,13 +108,19 @@ fn sequences(seed: u64, rounds: usize, largest: usize, sane: bool, reference: us
 #[test]
 fn regular_problems() {
     let [optimal, infeasible, other] = sequences(1, 60, 200, true, 5);
-    assert!(optimal > 400 && infeasible == 0 && other == 0, "{optimal} {infeasible} {other}");
+    assert!(
+        optimal > 400 && infeasible == 0 && other == 0,
+        "{optimal} {infeasible} {other}"
+    );
 }
 
 #[test]
 fn nasty_problems() {
     let [optimal, infeasible, other] = sequences(2, 120, 120, false, 5);
-    assert!(optimal > 200 && infeasible > 50 && other == 0, "{optimal} {infeasible} {other}");
+    assert!(
+        optimal > 200 && infeasible > 50 && other == 0,
+        "{optimal} {infeasible} {other}"
+    );
 }
 
 #[test]
