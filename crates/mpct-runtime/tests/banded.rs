@@ -2,6 +2,8 @@
 
 mod common;
 
+#[path = "banded/faults.rs"]
+mod faults;
 #[path = "banded/judge.rs"]
 mod judge;
 #[path = "banded/problem.rs"]
