@@ -2,12 +2,16 @@
 
 mod common;
 
+#[path = "banded/candidate.rs"]
+mod candidate;
 #[path = "banded/faults.rs"]
 mod faults;
 #[path = "banded/judge.rs"]
 mod judge;
 #[path = "banded/problem.rs"]
 mod problem;
+#[path = "banded/single.rs"]
+mod single;
 
 use common::Lcg;
 use judge::Answer;
