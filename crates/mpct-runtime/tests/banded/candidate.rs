@@ -154,12 +154,18 @@ fn cost(p: &Problem, order: &[usize], x: &[f64], r: &[f64], plan: &[f64]) -> (f6
     let theta = &z[stages * m..];
     let (xs, us) = (p.plant.m_x.apply(theta), p.plant.m_u.apply(theta));
     let gain = Mat::from(m, p.dims.states, &p.gain);
-    let square = |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(p, q)| (p - q) * (p - q)).sum() };
+    let square =
+        |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(p, q)| (p - q) * (p - q)).sum() };
     let mut total = p.plant.o * square(&xs, &r[..xs.len()]);
     let (mut x, mut first) = (x.to_vec(), 0.0);
     for stage in 0..2000 {
         let from: Vec<f64> = x.iter().zip(&xs).map(|(p, q)| p - q).collect();
-        let mut u: Vec<f64> = gain.apply(&from).iter().zip(&us).map(|(p, q)| p + q).collect();
+        let mut u: Vec<f64> = gain
+            .apply(&from)
+            .iter()
+            .zip(&us)
+            .map(|(p, q)| p + q)
+            .collect();
         if stage < stages {
             for i in 0..m {
                 u[i] += z[stage * m + i];
@@ -200,7 +206,8 @@ fn closed_loop_like_the_dense_regime() {
         let (mut buffer, mut scratch) =
             (vec![0.0; dims.tables_len()], vec![0.0; dims.prepare_len()]);
         let dense_tables = prepare(&p.data(), &mut buffer, &mut scratch).unwrap();
-        let (mut numbers, mut indices) = (vec![0.0; dims.workspace_len()], vec![0; dims.index_len()]);
+        let (mut numbers, mut indices) =
+            (vec![0.0; dims.workspace_len()], vec![0; dims.index_len()]);
         let workspace = Workspace::new(dims, &mut numbers, &mut indices).unwrap();
         let mut dense = mpct_runtime::Controller::new(dense_tables, workspace).unwrap();
         let (mut x, mut r) = (vec![0.0; dims.states], set_point(&p, &mut random));
@@ -213,10 +220,19 @@ fn closed_loop_like_the_dense_regime() {
             let u_dense = expected.input.to_vec();
             let z_dense = expected.solution.to_vec();
             assert_eq!(expected.status, StepStatus::Optimal);
-            let answer = judge::step(&case, &tables, &mut controller, (&x, &r), Budget::unlimited(), false);
+            let answer = judge::step(
+                &case,
+                &tables,
+                &mut controller,
+                (&x, &r),
+                Budget::unlimited(),
+                false,
+            );
             assert_eq!(answer, judge::Answer::Optimal);
             active += controller.multipliers(&tables).count();
-            let step = controller.step(&tables, &x, &r, Budget::unlimited()).unwrap();
+            let step = controller
+                .step(&tables, &x, &r, Budget::unlimited())
+                .unwrap();
             for (a, b) in step.input.iter().zip(&u_dense) {
                 assert!((a - b).abs() < 1e-6, "{a} {b}");
             }
@@ -241,7 +257,9 @@ fn the_candidate_is_what_the_theorems_say() {
         for round in 0..30 {
             let mut controller = judge::controller(&tables);
             let (mut x, mut r) = (vec![0.0; case.n], set_point(&p, &mut random));
-            let step = controller.step(&tables, &x, &r, Budget::unlimited()).unwrap();
+            let step = controller
+                .step(&tables, &x, &r, Budget::unlimited())
+                .unwrap();
             let (mut plan, mut u) = (step.solution.to_vec(), step.input.to_vec());
             for k in 0..20 {
                 let (last, stage) = cost(&p, &order, &x, &r, &plan);
@@ -250,7 +268,11 @@ fn the_candidate_is_what_the_theorems_say() {
                 if is_disturbed {
                     x.iter_mut().for_each(|v| *v += 0.3 * random.signed());
                 }
-                let limit = if round % 2 == 0 { 0 } else { random.below(12) as u32 };
+                let limit = if round % 2 == 0 {
+                    0
+                } else {
+                    random.below(12) as u32
+                };
                 if round % 3 == 2 && k == 5 {
                     // A new set-point: Theorem 3 holds, Theorem 4 speaks of the new cost.
                     r = set_point(&p, &mut random);

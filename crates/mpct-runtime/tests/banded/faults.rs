@@ -362,8 +362,8 @@ fn checks_find_what_they_name() {
         |o| o.windows[0].first[3] = 2,
         |o| *o.windows[3].first.last_mut().unwrap() = 0,
         |o| *o.windows[4].first.last_mut().unwrap() = u32::MAX,
-        |o| drop(o.lower.pop()),
-        |o| drop(o.windows[6].values.pop()),
+        |o| o.lower.truncate(1),
+        |o| o.windows[6].values.truncate(1),
     ];
     for (k, spoil) in shapes.iter().enumerate() {
         let mut owned = sound.clone();

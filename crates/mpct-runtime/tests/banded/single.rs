@@ -1,9 +1,9 @@
 //! The same problems in f32, against f64 and the dense rows.
 
+use super::Walk;
 use super::common::Lcg;
 use super::judge::{self, Answer};
 use super::problem::{Case, Kind, Owned};
-use super::Walk;
 use mpct_runtime::{Budget, StepError, StepStatus};
 
 fn widened(x: &[f32]) -> Vec<f64> {
@@ -11,7 +11,13 @@ fn widened(x: &[f32]) -> Vec<f64> {
 }
 
 /// (optimal, infeasible, other), worst violation and worst distance to f64 in energy, relative.
-fn compare(seed: u64, rounds: usize, steps: usize, nasty: bool, drift: bool) -> ([usize; 3], f64, f64) {
+fn compare(
+    seed: u64,
+    rounds: usize,
+    steps: usize,
+    nasty: bool,
+    drift: bool,
+) -> ([usize; 3], f64, f64) {
     let mut random = Lcg(seed);
     let (mut counts, mut worst, mut far) = ([0; 3], 0.0_f64, 0.0_f64);
     for _ in 0..rounds {
@@ -35,17 +41,31 @@ fn compare(seed: u64, rounds: usize, steps: usize, nasty: bool, drift: bool) -> 
             let x: Vec<f32> = walk.x.iter().map(|&v| v as f32).collect();
             let r: Vec<f32> = walk.r.iter().map(|&v| v as f32).collect();
             let (xd, rd) = (widened(&x), widened(&r));
-            let truth = judge::step(&case, &double, &mut b, (&xd, &rd), Budget::unlimited(), false);
+            let truth = judge::step(
+                &case,
+                &double,
+                &mut b,
+                (&xd, &rd),
+                Budget::unlimited(),
+                false,
+            );
             match a.step(&single, &x, &r, Budget::unlimited()) {
                 Ok(step) if step.status == StepStatus::Optimal => {
                     counts[0] += 1;
                     let z = widened(step.solution);
                     let (rows, bounds, _) = case.one_sided(&xd);
                     worst = worst.max(judge::excess(&rows, &bounds, &z));
-                    assert!(judge::inside(&case, &widened(step.input).iter().map(|u| u / (1.0 + 1e-6)).collect::<Vec<_>>()));
+                    assert!(judge::inside(
+                        &case,
+                        &widened(step.input)
+                            .iter()
+                            .map(|u| u / (1.0 + 1e-6))
+                            .collect::<Vec<_>>()
+                    ));
                     if truth == Answer::Optimal && !nasty {
                         let best = b.step(&double, &xd, &rd, Budget::unlimited()).unwrap();
-                        let apart: Vec<f64> = z.iter().zip(best.solution).map(|(p, q)| p - q).collect();
+                        let apart: Vec<f64> =
+                            z.iter().zip(best.solution).map(|(p, q)| p - q).collect();
                         let size = judge::quadratic(&case.h, best.solution);
                         far = far.max((judge::quadratic(&case.h, &apart) / (1.0 + size)).sqrt());
                     }
@@ -66,7 +86,10 @@ fn compare(seed: u64, rounds: usize, steps: usize, nasty: bool, drift: bool) -> 
 #[test]
 fn sane_problems() {
     let ([optimal, infeasible, other], worst, far) = compare(51, 60, 12, false, false);
-    assert!(optimal > 700 && infeasible == 0 && other == 0, "{optimal} {infeasible} {other}");
+    assert!(
+        optimal > 700 && infeasible == 0 && other == 0,
+        "{optimal} {infeasible} {other}"
+    );
     assert!(worst < 1e-4 && far < 1e-3, "{worst:e} {far:e}");
 }
 
@@ -80,6 +103,7 @@ fn slow_drift() {
 
 #[test]
 fn nasty_problems() {
+    // Gaps of 1e-6 are below what f32 can tell from none: it may give up there.
     let ([optimal, _, other], worst, _) = compare(53, 60, 12, true, false);
     assert!(other * 50 < optimal, "{optimal} {other}");
     assert!(worst < 1e-3, "{worst:e}");
