@@ -243,3 +243,7 @@ impl<T: Scalar> Factor<'_, T> {
         v..end
     }
 }
+
+#[cfg(test)]
+#[path = "factor_tests.rs"]
+mod tests;

@@ -125,7 +125,7 @@ impl<T: Scalar> Parts<'_, T> {
             for block in (from / BLOCK).max(first)..=((to - 1) / BLOCK).min(last) {
                 sum += self.blocks[block];
             }
-            self.add_movement(group, t * self.reach[0][group] * sum.sqrt_upper());
+            self.add_movement(group, t * self.reach[0][group], sum);
         }
     }
 
@@ -151,16 +151,23 @@ impl<T: Scalar> Parts<'_, T> {
             for block in from / BLOCK..=(to - 1) / BLOCK {
                 sum += self.blocks[block];
             }
-            self.add_movement(group, self.reach[1][group] * sum.sqrt_upper());
+            self.add_movement(group, self.reach[1][group], sum);
         }
     }
 
-    /// Rounded up: movements far smaller than what they are added to would be lost otherwise, and a slow drift never be seen.
+    /// Rounded up: movements far smaller than what they are added to would be lost otherwise, and a slow drift never be seen. What is not
+    /// finite is measured.
     #[inline(always)]
-    fn add_movement(&mut self, group: usize, by: T) {
-        // No branch on NaN: what is not a number is measured.
-        if by != T::ZERO {
+    fn add_movement(&mut self, group: usize, reach: T, square: T) {
+        if !square.is_finite() {
+            self.moved[group] = T::INFINITY;
+        } else if square > T::ZERO {
+            let by = reach * square.sqrt_upper();
             self.moved[group] = (self.moved[group] + by) * (T::ONE + T::EPSILON);
         }
     }
 }
+
+#[cfg(test)]
+#[path = "pricing_tests.rs"]
+mod tests;
