@@ -32,6 +32,8 @@ mod pricing;
 mod solve;
 mod step;
 mod tables;
+#[cfg(test)]
+mod test_problem;
 mod windows;
 mod workspace;
 

@@ -60,10 +60,7 @@ impl<T: Scalar> Parts<'_, T> {
     }
 
     /// The most violated row that is not active. `Err` when an excess is not a number.
-    pub fn price(
-        &mut self,
-        tables: &BandedTables<'_, T>,
-    ) -> Result<Option<Violated<T>>, ()> {
+    pub fn price(&mut self, tables: &BandedTables<'_, T>) -> Result<Option<Violated<T>>, ()> {
         loop {
             let (mut worst, mut excess) = (None, T::ZERO);
             for (group, (&known, &moved)) in self.known.iter().zip(self.moved.iter()).enumerate() {
@@ -73,9 +70,11 @@ impl<T: Scalar> Parts<'_, T> {
                 }
             }
             let Some(group) = worst else { return Ok(None) };
-            if self.moved[group] > T::ZERO || !(self.known[group] < T::INFINITY) {
+            // Written so that a movement that is not a number is measured.
+            if !(self.moved[group] <= T::ZERO) || !(self.known[group] < T::INFINITY) {
                 self.measure(tables, group);
-                if self.known[group].is_nan() {
+                // An infinite excess, too: it would be measured for ever.
+                if !(self.known[group] < T::INFINITY) {
                     return Err(());
                 }
                 continue;
@@ -118,10 +117,7 @@ impl<T: Scalar> Parts<'_, T> {
         }
         let t = t.abs();
         for group in 0..self.known.len() {
-            let (from, to) = (
-                self.spans[0][group] as usize,
-                self.spans[1][group] as usize,
-            );
+            let (from, to) = (self.spans[0][group] as usize, self.spans[1][group] as usize);
             if from >= range.end || to <= range.start || to == 0 {
                 continue;
             }
@@ -129,7 +125,7 @@ impl<T: Scalar> Parts<'_, T> {
             for block in (from / BLOCK).max(first)..=((to - 1) / BLOCK).min(last) {
                 sum += self.blocks[block];
             }
-            self.moved[group] += t * self.reach[0][group] * sum.sqrt_upper();
+            self.add_movement(group, t * self.reach[0][group], sum);
         }
     }
 
@@ -147,10 +143,7 @@ impl<T: Scalar> Parts<'_, T> {
             self.blocks[block] = sum;
         }
         for group in 0..self.known.len() {
-            let (from, to) = (
-                self.spans[2][group] as usize,
-                self.spans[3][group] as usize,
-            );
+            let (from, to) = (self.spans[2][group] as usize, self.spans[3][group] as usize);
             if to == 0 {
                 continue;
             }
@@ -158,7 +151,23 @@ impl<T: Scalar> Parts<'_, T> {
             for block in from / BLOCK..=(to - 1) / BLOCK {
                 sum += self.blocks[block];
             }
-            self.moved[group] += self.reach[1][group] * sum.sqrt_upper();
+            self.add_movement(group, self.reach[1][group], sum);
+        }
+    }
+
+    /// Rounded up: movements far smaller than what they are added to would be lost otherwise, and a slow drift never be seen. What is not
+    /// finite is measured.
+    #[inline(always)]
+    fn add_movement(&mut self, group: usize, reach: T, square: T) {
+        if !square.is_finite() {
+            self.moved[group] = T::INFINITY;
+        } else if square > T::ZERO {
+            let by = reach * square.sqrt_upper();
+            self.moved[group] = (self.moved[group] + by) * (T::ONE + T::EPSILON);
         }
     }
 }
+
+#[cfg(test)]
+#[path = "pricing_tests.rs"]
+mod tests;

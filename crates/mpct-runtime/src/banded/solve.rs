@@ -40,10 +40,14 @@ const ROUNDS: u32 = 60;
 const WORN: u32 = 2000;
 /// More rows than this share of the variables leaving at once: computing the factors is cheaper than updating them.
 const MANY: usize = 12;
-/// Factor by which rows are stiffened that walk, twice at most.
-const HARDER: f64 = 1e3;
 /// A round that leaves more than this part of the residual of the active rows made no progress.
 const PROGRESS: f64 = 0.3;
+
+/// A proof of infeasibility must also hold for points that are this many times larger than the one reached, in the 1-norm. Smaller, and with
+/// hundreds of variables in f32 it would leave room for a solution.
+const FARTHER: f64 = 10.0;
+/// A residual below this many units in the last place of its terms is rounding. Smaller, and f32 would walk on the spot.
+const ROUNDING: f64 = 4.0;
 
 /// ρ, in units of D^(1/2): rows have about length 1 there. Smaller, and there are more rounds; larger, and rounding of `ρ · residual` shows in
 /// the multipliers.
@@ -52,6 +56,15 @@ pub(crate) fn stiffness<T: Scalar>() -> T {
         T::from_f64(1e5)
     } else {
         T::from_f64(1e2)
+    }
+}
+
+/// Factor by which rows are stiffened that walk, twice at most. Larger, and nothing would be left of H beside them.
+fn harder<T: Scalar>() -> T {
+    if T::EPSILON.to_f64() < 1e-10 {
+        T::from_f64(1e3)
+    } else {
+        T::from_f64(30.0)
     }
 }
 
@@ -138,7 +151,9 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
                 let is_stuck = round > 1 && !(error < T::from_f64(PROGRESS) * before);
                 let is_exact = stationarity <= T::STATIONARY && error <= T::REFINE;
                 // As accurate as the numbers allow.
-                let is_usable = is_stuck && stationarity <= T::PRIMAL && error <= T::PRIMAL;
+                let is_usable = is_stuck
+                    && stationarity <= T::PRIMAL
+                    && (error <= T::PRIMAL || self.is_rounding());
                 if is_exact || is_usable {
                     self.state.stationarity = stationarity;
                     self.state.violation = error;
@@ -202,10 +217,34 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
         for v in 0..p.z.len() {
             let part = usize::from(d.next_stage[v] as usize == v);
             left[part] = larger(left[part], p.direction[v].abs());
-            let terms = p.linear[v].abs().max((p.unit[v] * p.unit[v] * p.z[v]).abs());
+            let terms = p.linear[v]
+                .abs()
+                .max((p.unit[v] * p.unit[v] * p.z[v]).abs());
             size[part] = size[part].max(terms);
         }
         (larger(left[0] / size[0], left[1] / size[1]), error)
+    }
+
+    /// Whether what the residuals of the active rows have beyond [`Scalar::PRIMAL`] is the rounding of their terms.
+    fn is_rounding(&self) -> bool {
+        let (p, d) = (&*self.parts, &self.tables.data);
+        let terms = |row: &[T], x: &[T]| {
+            let mut sum = T::ZERO;
+            for (&a, &b) in row.iter().zip(x) {
+                sum += (a * b).abs();
+            }
+            sum
+        };
+        p.active[..self.state.active]
+            .iter()
+            .zip(p.slope.iter())
+            .all(|(&pair, residual)| {
+                let pair = pair as usize;
+                let of_z = terms(d.rows.row(pair), &p.z[d.rows.window(pair)]);
+                let of_x = terms(d.rows_state.row(pair), &p.x[d.rows_state.window(pair)]);
+                let noise = T::from_f64(ROUNDING) * T::EPSILON * (of_z + of_x);
+                residual.abs() <= (T::PRIMAL * d.scale[pair]).max(noise)
+            })
     }
 
     /// ȳ = y.
@@ -344,7 +383,8 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
             let range = p.factor.solve_row(&d.rows, row.pair, p.direction);
             let window = d.rows.window(row.pair);
             let compliance = crate::dense::dot(d.rows.row(row.pair), &p.direction[window.clone()]);
-            if !(compliance > T::ZERO) || !compliance.is_finite() {
+            // 0 of a row without entries: its multiplier grows, and becomes the proof.
+            if !(compliance >= T::ZERO) || !compliance.is_finite() {
                 return Err(Stop::Trouble);
             }
             let mut t = (beyond - multiplier * softness) / (compliance + softness);
@@ -391,7 +431,10 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
                     -((-y).max(T::ZERO))
                 };
             }
-            for (z, &step) in p.z[range.clone()].iter_mut().zip(&p.direction[range.clone()]) {
+            for (z, &step) in p.z[range.clone()]
+                .iter_mut()
+                .zip(&p.direction[range.clone()])
+            {
                 *z -= t * sign * step;
             }
             p.moved_variables(range, t);
@@ -454,7 +497,11 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
         } else {
             T::INFINITY
         };
-        if radius > T::PROOF_RADIUS {
+        let mut reached = T::ZERO;
+        for z in p.z.iter() {
+            reached += z.abs();
+        }
+        if radius > T::PROOF_RADIUS.max(T::from_f64(FARTHER) * reached) {
             self.state.has_proof = true;
             Some(radius)
         } else {
@@ -467,18 +514,16 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
     /// Rows that depend on each other and cannot all hold with equality make the dual cost linear along a direction in which one of
     /// their multipliers falls, until its row leaves. A round walks along it by ρ times the residual: with 1e5 that can take hundreds
     /// of rounds, with a thousand or a million times as much it takes one. Left stiff, they would carry the rounding of z into their multipliers.
-    fn stiffen(&mut self, harder: bool) -> Result<(), Stop<T>> {
+    fn stiffen(&mut self, more: bool) -> Result<(), Stop<T>> {
         let base = stiffness::<T>();
         for k in 0..self.state.active {
             let (p, d) = (&mut *self.parts, &self.tables.data);
             let pair = p.active[k] as usize;
             let old = p.stiff[pair];
-            let new = if !harder {
+            let new = if !more {
                 base
-            } else if p.slope[k].abs() > T::REFINE * d.scale[pair] 
-                && old <= base * T::from_f64(HARDER)
-            {
-                old * T::from_f64(HARDER)
+            } else if p.slope[k].abs() > T::REFINE * d.scale[pair] && old <= base * harder::<T>() {
+                old * harder::<T>()
             } else {
                 old
             };
@@ -487,7 +532,7 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
                 self.change(pair, new - old)?;
             }
         }
-        self.state.is_stiff = harder;
+        self.state.is_stiff = more;
         Ok(())
     }
 

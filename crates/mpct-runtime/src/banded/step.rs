@@ -2,7 +2,7 @@
 
 use super::solve::{Outcome, Solver};
 use super::tables::BandedTables;
-use super::workspace::{Parts, State, divide};
+use super::workspace::{Parts, State, divide, sizes};
 use crate::dense::{all_finite, axpy, dot};
 use crate::tables::NO_ROW;
 use crate::{Budget, Scalar, StepError, StepStatus, TableError, Why};
@@ -116,6 +116,7 @@ where
         self.state = State::new();
         if let Some(mut parts) = divide(tables, self.numbers.as_mut(), self.indices.as_mut()) {
             self.state.longest = parts.clear(tables);
+            self.state.sizes = sizes(tables);
         }
     }
 
@@ -134,14 +135,18 @@ where
         mut budget: Budget<'_>,
     ) -> Result<BandedStep<'_, T>, StepError<T>> {
         let (expected, found) = (tables.workspace_len(), self.numbers.as_ref().len());
-        let Some(mut parts) = divide(tables, self.numbers.as_mut(), self.indices.as_mut()) else {
-            return Err(StepError::WrongLength {
-                what: "workspace",
-                expected,
-                found,
-            });
+        let refused = StepError::WrongLength {
+            what: "workspace",
+            expected,
+            found,
         };
         let state = &mut self.state;
+        if state.sizes != sizes(tables) {
+            return Err(refused);
+        }
+        let Some(mut parts) = divide(tables, self.numbers.as_mut(), self.indices.as_mut()) else {
+            return Err(refused);
+        };
         if state.has_plan {
             shift(tables, &mut parts);
         }
@@ -220,7 +225,7 @@ where
         let (pairs, is_optimum) = (tables.pairs(), self.state.is_optimum);
         let y = self.vector(tables, Vector::Multipliers);
         let scale = tables.data.scale;
-        (0..if is_optimum { pairs } else { 0 })
+        (0..if is_optimum { pairs.min(y.len()) } else { 0 })
             .map(move |pair| (pair, y[pair] * scale[pair]))
             .filter(|e| e.1 != T::ZERO)
     }
@@ -234,7 +239,7 @@ where
         let (pairs, has_proof) = (tables.pairs(), self.state.has_proof);
         let y = self.vector(tables, Vector::Proof);
         let scale = tables.data.scale;
-        (0..if has_proof { pairs } else { 0 })
+        (0..if has_proof { pairs.min(y.len()) } else { 0 })
             .map(move |pair| (pair, y[pair] * scale[pair]))
             .filter(|e| e.1 != T::ZERO)
     }
@@ -248,7 +253,7 @@ where
             Vector::Proof => pairs + 4 * groups,
         };
         match numbers.len().checked_sub(from_end) {
-            Some(at) if numbers.len() == tables.workspace_len() => &numbers[at..at + pairs],
+            Some(at) if self.state.sizes == sizes(tables) => &numbers[at..at + pairs],
             _ => &[],
         }
     }
@@ -287,7 +292,8 @@ fn fall_back<T: Scalar>(tables: &BandedTables<'_, T>, parts: &mut Parts<'_, T>, 
     let mut violation = T::ZERO;
     for pair in 0..tables.pairs() {
         let found = excess(tables, parts.x, parts.plan, pair) / d.scale[pair];
-        if !found.is_finite() {
+        // −∞ of a pair without bounds.
+        if !(found < T::INFINITY) {
             return T::INFINITY;
         }
         violation = violation.max(found);
@@ -364,12 +370,15 @@ fn report<'w, T: Scalar>(
     input.fill(T::ZERO);
     d.gain.add_product(x, input);
     d.first_input.add_product(plan, input);
-    // U contains 0 and is convex: scaling towards 0 always ends inside.
+    // U contains 0 and is convex: scaling towards 0 always ends inside. What is beyond all numbers becomes 0.
     let mut outside = T::ONE;
     for row in 0..d.input_rows.rows() {
-        outside = outside.max(d.input_rows.dot(row, input));
+        let found = d.input_rows.dot(row, input);
+        outside = outside.max(if found.is_nan() { T::INFINITY } else { found });
     }
-    if outside > T::ONE {
+    if !all_finite(input) {
+        input.fill(T::ZERO);
+    } else if outside > T::ONE {
         for u in input.iter_mut() {
             *u = *u / outside;
         }

@@ -18,6 +18,8 @@ pub(crate) struct State<T> {
     pub changes: Option<u32>,
     /// Longest window of a row.
     pub longest: usize,
+    /// The sizes of the tables that the memory was divided for.
+    pub sizes: [usize; 7],
     /// Some rows are stiffer than usual.
     pub is_stiff: bool,
     pub has_plan: bool,
@@ -38,6 +40,7 @@ impl<T: Scalar> State<T> {
             centred: 0,
             changes: None,
             longest: 0,
+            sizes: [0; 7],
             is_stiff: false,
             has_plan: false,
             is_optimum: false,
@@ -115,6 +118,19 @@ pub(crate) fn numbers<T: Scalar>(tables: &BandedTables<'_, T>) -> usize {
 
 pub(crate) fn indices<T: Scalar>(tables: &BandedTables<'_, T>) -> usize {
     2 * tables.variables() + 1 + 3 * tables.pairs() + 5 * tables.groups()
+}
+
+/// What decides how memory is divided.
+pub(crate) fn sizes<T: Scalar>(tables: &BandedTables<'_, T>) -> [usize; 7] {
+    [
+        tables.factor_entries(),
+        tables.variables(),
+        tables.states(),
+        tables.set_point(),
+        tables.inputs(),
+        tables.pairs(),
+        tables.groups(),
+    ]
 }
 
 /// Divides memory of exactly the right lengths; `None` for others.
