@@ -274,7 +274,15 @@ fn subtract_root<T: Scalar>(
 ) {
     direction.fill(T::ZERO);
     tables.root_mul_add(m, direction);
-    axpy(-t, direction, z);
+    for (zi, &d) in z.iter_mut().zip(direction.iter()) {
+        let moved = *zi - t * d;
+        // What a correction leaves of a number that should be zero shrinks from step to step.
+        *zi = if moved.abs() < T::TINY {
+            T::ZERO
+        } else {
+            moved
+        };
+    }
 }
 
 enum Added<T> {
