@@ -1,283 +1,357 @@
-"""Closed loops of the case studies with public quadratic programming solvers.
+"""Closed loops of the case studies: mpct's whole step beside the solves of public solvers.
 
-The condensed program is built here from the problem file and from what `mpct design --json` exports (K, P, M_theta and
-the step at which each row is spent), not by mpct's own code:
-
-    min 1/2 z' H z + (F_x x + F_r x_r)' z   over   G z <= 1 - W x,   z = (u_0, ..., u_(N-1), theta)
-
-Terminal rows stop where they are spent, for every solver alike. Every solver sees the same sequence of programs: those of
-the closed loop driven by the first solver in the list, so that rounding does not lead them apart.
+The loop is driven by mpct (the example `online_time`), with set-points that jump to where many inputs saturate; every rival then gets
+the same states and set-points, as the program that `programs.py` builds without mpct's code. Each rival runs in a process of its
+own and is stopped at its time cap; what it has answered until then counts.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import multiprocessing
 import subprocess
 import tempfile
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-import scipy.sparse as sp
+import matplotlib
 
-import problem_file
-from paper_search import RESULTS, ROOT, machine
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt  # noqa: E402
+import numpy as np  # noqa: E402
 
+import problem_file  # noqa: E402
+import programs  # noqa: E402
+from paper_search import RESULTS, ROOT, machine  # noqa: E402
+from rivals import RIVALS  # noqa: E402
 
-@dataclass
-class Condensed:
-    H: np.ndarray
-    Fx: np.ndarray
-    Fr: np.ndarray
-    G: np.ndarray
-    W: np.ndarray
-
-
-def condense(p: problem_file.Problem, design: dict) -> Condensed:
-    n, m, N = p.n, p.m, p.horizon
-    K, P = np.array(design["gain"]), np.array(design["terminal_weight"])
-    Mx = np.array(design["steady_state_basis"]["state"])
-    Mu = np.array(design["steady_state_basis"]["input"])
-    L = Mu - K @ Mx
-    size = N * m + m
-    # Predictions as (coefficients of x, coefficients of z).
-    X = [(np.eye(n), np.zeros((n, size)))]
-    U = []
-    theta = np.zeros((m, size))
-    theta[:, N * m :] = np.eye(m)
-    H, Fx = np.zeros((size, size)), np.zeros((size, n))
-
-    def add(weight, from_x, from_z):
-        nonlocal H, Fx
-        H = H + 2 * from_z.T @ weight @ from_z
-        Fx = Fx + 2 * from_z.T @ weight @ from_x
-
-    rows, state_rows = [], []
-
-    def constrain(C, from_x, from_z):
-        rows.append(C @ from_z)
-        state_rows.append(C @ from_x)
-
-    for j in range(N):
-        u = np.zeros((m, size))
-        u[:, j * m : (j + 1) * m] = np.eye(m)
-        U.append(u)
-        x = X[j]
-        add(p.Q, x[0], x[1] - Mx @ theta)
-        add(p.R, np.zeros((m, n)), u - Mu @ theta)
-        # Rows of the state alone are not asked of x_0.
-        keep = np.abs(p.D).max(axis=1) > 0 if j == 0 else np.ones(len(p.C), bool)
-        rows.append(p.C[keep] @ x[1] + p.D[keep] @ u)
-        state_rows.append(p.C[keep] @ x[0])
-        X.append((p.A @ x[0], p.A @ x[1] + p.B @ u))
-    x = X[N]
-    add(P, x[0], x[1] - Mx @ theta)
-    add(p.O, np.zeros((n, n)), Mx @ theta)
-    add(p.O_input, np.zeros((m, n)), Mu @ theta)
-    Fr = -2 * (Mx @ theta).T @ p.O
-    # Row i of the terminal law as long as it is not spent.
-    spent = {s["row"]: s["step"] for s in design["spent_steps"]}
-    steps = np.array([spent[name] for name in p.row_names])
-    Cx, Ct = p.C + p.D @ K, p.D @ L
-    for t in range(steps.max()):
-        open_rows = steps > t
-        constrain(Cx[open_rows], x[0], x[1])
-        rows[-1] = rows[-1] + Ct[open_rows] @ theta
-        x = ((p.A + p.B @ K) @ x[0], (p.A + p.B @ K) @ x[1] + p.B @ L @ theta)
-    W = (p.C @ Mx + p.D @ Mu) / p.scaling
-    W = W[np.abs(W).max(axis=1) > 1e-12]
-    rows.append(W @ theta)
-    state_rows.append(np.zeros((len(W), n)))
-    return Condensed((H + H.T) / 2, Fx, Fr, np.vstack(rows), np.vstack(state_rows))
+# problem, scaling, steps, steps between jumps; in a quick run a fifth of the steps
+CASES = [
+    ("academic", 0.9, 800, 40),
+    ("drone", 0.9, 1500, 150),
+    ("drone", 0.99, 1500, 150),
+    ("carts:10", 0.9, 400, 100),
+    ("carts:25", 0.9, 400, 100),
+    ("carts:50", 0.9, 400, 100),
+    ("carts:100", 0.9, 300, 100),
+    ("carts:200", 0.9, 200, 100),
+]
+# A set-point's theta is drawn within this share of what each row of Theta allows alone: beyond lambda, so that some are not admissible.
+SPREAD = 1.1
+# Steps that are repeated from nothing: those of jumps and the two after, at most this many.
+COLD_STEPS = 60
 
 
-class Daqp:
-    name = "DAQP"
-
-    def __init__(self, H, f, G, b):
-        import daqp
-
-        self.model = daqp.Model()
-        self.lower = np.full(len(b), -1e30)
-        self.sense = np.zeros(len(b), dtype=np.int32)
-        self.model.setup(H, f, G, b, self.lower, self.sense)
-
-    def solve(self, f, b):
-        self.model.update(None, f, None, b, self.lower, None)
-        x, _, flag, info = self.model.solve()
-        return x, flag == 1, info.get("solve_time"), info.get("iterations")
+def schedule(p: problem_file.Problem, d: programs.Design, steps: int, period: int) -> np.ndarray:
+    random = np.random.default_rng(7)
+    reach = SPREAD / (np.abs(d.equilibrium_rows).max(axis=0) * p.scaling)
+    rows = []
+    for start in range(0, steps, period):
+        share = random.uniform(0.6, 1.0, p.m) * random.choice([-1.0, 1.0], p.m)
+        rows.append(np.concatenate([[start], d.Mx @ (reach * share)]))
+    return np.array(rows)
 
 
-class Piqp:
-    name = "PIQP"
-
-    def __init__(self, H, f, G, b):
-        import piqp
-
-        self.solver, self.solved = piqp.DenseSolver(), piqp.PIQP_SOLVED
-        self.solver.settings.compute_timings = True
-        self.solver.setup(H, f, None, None, G, np.full(len(b), -1e30), b)
-
-    def solve(self, f, b):
-        self.solver.update(c=f, h_u=b)
-        status = self.solver.solve()
-        info = self.solver.result.info
-        return np.array(self.solver.result.x), status == self.solved, info.update_time + info.solve_time, info.iter
+def residual(c: programs.Condensed, f, b, z, y) -> float:
+    """Largest residual of the conditions of optimality: rows, signs, stationarity and complementarity (relative to their terms)."""
+    slack = b - c.G @ z
+    hz, gy = c.H @ z, c.G.T @ y
+    scale = 1 + np.maximum(np.maximum(np.abs(hz), np.abs(f)), np.abs(gy))
+    return max(
+        float(max(0.0, -slack.min())),
+        float(max(0.0, -y.min())),
+        float((np.abs(hz + f + gy) / scale).max()),
+        float(np.abs(y * slack).sum() / (1 + abs(0.5 * z @ hz + f @ z))),
+    )
 
 
-class Osqp:
-    name = "OSQP"
-
-    def __init__(self, H, f, G, b):
-        import osqp
-
-        self.solver = osqp.OSQP()
-        self.solver.setup(
-            sp.csc_matrix(np.triu(H)), f, sp.csc_matrix(G), np.full(len(b), -np.inf), b,
-            verbose=False, eps_abs=1e-7, eps_rel=1e-7, max_iter=20000, polishing=False,
-        )
-
-    def solve(self, f, b):
-        self.solver.update(q=f, u=b)
-        r = self.solver.solve()
-        return r.x, r.info.status_val == 1, r.info.update_time + r.info.solve_time, r.info.iter
-
-
-class Clarabel:
-    name = "Clarabel"
-
-    def __init__(self, H, f, G, b):
-        import clarabel
-
-        settings = clarabel.DefaultSettings()
-        settings.verbose = False
-        settings.presolve_enable = False
-        self.solver = clarabel.DefaultSolver(
-            sp.csc_matrix(np.triu(H)), f, sp.csc_matrix(G), b, [clarabel.NonnegativeConeT(len(b))], settings
-        )
-
-    def solve(self, f, b):
-        self.solver.update(q=f, b=b)
-        r = self.solver.solve()
-        return np.array(r.x), str(r.status) in ("Solved", "AlmostSolved"), r.solve_time, r.iterations
+def answers(pipe, rival, c, s, loop, repetitions, cap):
+    """Runs in a process of its own: sends (phase, step, seconds, z, y, solved, iterations) as they come."""
+    try:
+        data = [(c.Fx @ x + c.Fr @ r, 1.0 - c.W @ x, x, r) for x, r in loop["programs"]]
+        solver = rival(c, s, data[0][0], data[0][1])
+        started = time.perf_counter()
+        for repetition in range(repetitions):
+            for k, (f, b, x, r) in enumerate(data):
+                z, y, solved, seconds, iterations = solver.solve(f, b, x, r)
+                first = repetition == 0
+                pipe.send(("warm", k, seconds, z if first else None, y if first else None, bool(solved), int(iterations)))
+            if time.perf_counter() - started > cap / (2 * repetitions):
+                break
+        pipe.send(("warm done",))
+        if not rival.always_cold:
+            for repetition in range(repetitions):
+                for k in loop["cold"]:
+                    f, b, x, r = data[k]
+                    solver.forget()
+                    _, _, solved, seconds, iterations = solver.solve(f, b, x, r)
+                    pipe.send(("cold", k, seconds, None, None, bool(solved), int(iterations)))
+                if time.perf_counter() - started > cap / 2:
+                    break
+        pipe.send(("done",))
+    except Exception as error:  # noqa: BLE001 — reported in the table, not hidden
+        pipe.send(("error", f"{type(error).__name__}: {error}"[:300]))
 
 
-class Proxqp:
-    name = "ProxQP"
-
-    def __init__(self, H, f, G, b):
-        from proxsuite import proxqp
-
-        self.qp = proxqp.dense.QP(len(f), 0, len(b))
-        self.qp.settings.eps_abs = 1e-7
-        self.qp.settings.compute_timings = True
-        self.qp.settings.initial_guess = proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
-        self.qp.init(H, f, None, None, G, np.full(len(b), -1e20), b)
-        self.qp.solve()
-        self.lower = np.full(len(b), -1e20)
-        self.solved = proxqp.QPSolverOutput.PROXQP_SOLVED
-
-    def solve(self, f, b):
-        self.qp.update(g=f, l=self.lower, u=b)
-        self.qp.solve()
-        info = self.qp.results.info
-        # Reported in microseconds.
-        return np.array(self.qp.results.x), info.status == self.solved, 1e-6 * info.run_time, info.iter
-
-
-SOLVERS = [Daqp, Piqp, Osqp, Clarabel, Proxqp]
-
-
-def programs(p: problem_file.Problem, c: Condensed, steps: int):
-    """(f, b, input) of every step of the closed loop, driven by the first solver."""
-    x, driver, out = p.initial_state.copy(), None, []
-    for k in range(steps):
-        reference = next((r for start, r in reversed(p.set_points) if start <= k), np.zeros(p.n))
-        f, b = c.Fx @ x + c.Fr @ reference, 1.0 - c.W @ x
-        driver = driver or SOLVERS[0](c.H, f, c.G, b)
-        z, solved, _, _ = driver.solve(f, b)
-        if not solved:
-            raise SystemExit(f"{p.name}: {driver.name} fails at step {k}")
-        out.append((f, b, z[: p.m].copy()))
-        x = p.A @ x + p.B @ z[: p.m]
+def measure(rival, c, s, loop, repetitions, cap) -> dict:
+    context = multiprocessing.get_context("fork")
+    receive, send = context.Pipe(duplex=False)
+    process = context.Process(target=answers, args=(send, rival, c, s, loop, repetitions, cap))
+    process.start()
+    send.close()
+    out = {"name": rival.name, "always_cold": rival.always_cold, "note": "", "warm": {}, "cold": {}, "answers": {}, "failed": set()}
+    end = time.perf_counter() + cap
+    try:
+        while True:
+            if not receive.poll(max(0.0, end - time.perf_counter())):
+                out["note"] = f"stopped after {cap:.0f} s"
+                break
+            message = receive.recv()
+            if message[0] in ("warm", "cold"):
+                phase, k, seconds, z, y, solved, iterations = message
+                known = out[phase].get(k, (np.inf, 0))
+                out[phase][k] = (min(known[0], seconds), iterations)
+                if z is not None:
+                    out["answers"][k] = (z, y)
+                if not solved:
+                    out["failed"].add((phase, k))
+            elif message[0] == "error":
+                out["note"] = message[1]
+                break
+            elif message[0] == "done":
+                break
+    except EOFError:
+        out["note"] = "the process ended without a word"
+    process.terminate()
+    process.join(5)
+    if process.is_alive():
+        process.kill()
     return out
 
 
-def measure(solver_class, c: Condensed, sequence, cap: float) -> dict:
-    f, b, u = sequence[0]
-    solver = solver_class(c.H, f, c.G, b)
-    inside, outside, iterations, failed, worst_rows, apart = [], [], [], 0, 0.0, 0.0
-    started = time.perf_counter()
-    for f, b, u in sequence:
-        before = time.perf_counter()
-        z, solved, seconds, count = solver.solve(f, b)
-        outside.append(time.perf_counter() - before)
-        inside.append(outside[-1] if seconds is None else seconds)
-        iterations.append(count or 0)
-        failed += not solved
-        apart = max(apart, float(np.abs(z[: len(u)] - u).max()))
-        worst_rows = max(worst_rows, float((c.G @ z - b).max()))
-        if time.perf_counter() - started > cap:
-            break
+def judge(c, loop, found: dict) -> None:
+    """Violation, residual of the conditions of optimality, inputs of each step."""
+    found["violation"], found["residual"], found["inputs"], found["residuals"] = 0.0, 0.0, {}, {}
+    for k, (z, y) in found["answers"].items():
+        x, r = loop["programs"][k]
+        f, b = c.Fx @ x + c.Fr @ r, 1.0 - c.W @ x
+        if not np.all(np.isfinite(z)):
+            found["violation"] = np.inf
+            continue
+        found["violation"] = max(found["violation"], float((c.G @ z - b).max()), 0.0)
+        found["inputs"][k] = z[: loop["inputs"]]
+        if y is not None and np.all(np.isfinite(y)):
+            found["residuals"][k] = residual(c, f, b, z, y)
+            found["residual"] = max(found["residual"], found["residuals"][k])
+        elif y is None:
+            found["residual"] = np.nan
+
+
+def own(arguments, file: Path, d, p, steps: int, period: int, folder: Path) -> dict:
+    """mpct's loop and times."""
+    jumps, out = folder / "schedule.csv", folder / "steps.csv"
+    table = schedule(p, d, steps, period)
+    np.savetxt(jumps, table, delimiter=",", fmt=["%d"] + ["%.17g"] * p.n)
+    command = [str(arguments.example), str(file), str(jumps), str(steps), str(arguments.repetitions), str(out)]
+    told = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+    lines = [line.split(",") for line in out.read_text().splitlines()]
+    numbers = np.array([[float(v) if v else np.nan for v in line] for line in lines])
+    states, inputs = numbers[:, 7 : 7 + p.n], numbers[:, 7 + p.n :]
+    setpoints = [next(row[1:] for row in table[::-1] if row[0] <= k) for k in range(steps)]
+    cold = [k for k in range(steps) if k % period < 3][:COLD_STEPS]
+    near = 1 - 1e-9
+    rows = np.abs(p.C).max(axis=1) == 0
+    saturated = ((inputs @ p.D[rows].T) > near).sum(axis=1)
     return {
-        "solver": solver_class.name,
-        "steps": len(inside),
-        "inside": np.array(inside),
-        "outside": np.array(outside),
-        "iterations": np.array(iterations),
-        "failed": failed,
-        "violation": worst_rows,
-        "apart": apart,
+        "programs": list(zip(states, setpoints)), "cold": cold, "inputs": p.m, "u": inputs, "numbers": numbers,
+        "told": told, "saturated": int(saturated.max()), "active": int(numbers[:, 6].max()),
     }
+
+
+def statistics(seconds) -> str:
+    t = 1e6 * np.asarray(list(seconds))
+    if len(t) == 0 or np.all(np.isnan(t)):
+        return " | | | "
+    return f"{t.mean():.3g} | {np.median(t):.3g} | {np.percentile(t, 99):.3g} | {t.max():.3g}"
+
+
+def cold_cells(seconds) -> str:
+    t = 1e6 * np.asarray(list(seconds))
+    return f"{t.mean():.3g} | {t.max():.3g}" if len(t) and not np.all(np.isnan(t)) else " | "
+
+
+def plot(results: list[dict], path: Path) -> None:
+    names = []
+    for case in results:
+        names += [n for n in case["lines"] if n not in names]
+    figure, axes = plt.subplots(1, 2, figsize=(11, 4.6), sharey=True)
+    styles = ["-o", "-s", "--^", "--v", "--D", ":o", ":s", ":^", ":v", ":D", "-.o", "-.s"]
+    for axis, at, title in ((axes[0], 0, "mean of a step"), (axes[1], 1, "worst step")):
+        for name, style in zip(names, styles):
+            y = [case["lines"].get(name, (np.nan, np.nan))[at] for case in results]
+            axis.plot(range(len(results)), y, style, label=name, markersize=4, linewidth=1.2)
+        axis.set_yscale("log")
+        axis.set_xticks(range(len(results)), [case["name"] for case in results], rotation=30, ha="right")
+        axis.set_title(title)
+        axis.grid(True, which="major", linewidth=0.3)
+    axes[0].set_ylabel("microseconds")
+    axes[1].legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    figure.tight_layout()
+    figure.savefig(path, metadata={"Date": None})
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--mpct", type=Path, default=ROOT / "target/release/mpct")
-    parser.add_argument("--cases", default="academic,drone,carts:10")
+    parser.add_argument("--example", type=Path, default=ROOT / "target/release/examples/online_time")
+    parser.add_argument("--cases", default=None, help="only these, comma separated: academic, drone, drone-0.99, carts:10, …")
+    parser.add_argument("--rivals", default=None, help="only these, comma separated")
     parser.add_argument("--steps", type=int, default=None, help="at most this many steps")
-    parser.add_argument("--cap", type=float, default=120.0, help="seconds a solver may take for a case")
+    parser.add_argument("--repetitions", type=int, default=5, help="passes over a loop, of which each step's smallest time counts")
+    parser.add_argument("--cap", type=float, default=120.0, help="seconds a rival may take for a case, set-up included")
+    parser.add_argument("--quick", action="store_true", help="a fifth of the steps, 10 s a rival, up to 25 carts; writes nothing")
     arguments = parser.parse_args()
-    lines = [
-        "# Closed loops with public solvers",
-        "",
-        f"Machine: {machine()}. Microseconds a step. Inside: as the solver reports it; seen: from Python. The same condensed "
-        "program with pruned terminal rows, the same states and set-points for every solver, each started from its last "
-        "answer where it can. Violation: largest G z - b (right-hand sides are about 1). Input apart: largest difference from the "
-        "input of the first solver.",
-        "",
-        "| problem | variables × rows | solver | mean | median | p99 | worst | seen, mean | iterations, mean / most | steps | not solved | violation | input apart |",
-        "|" + "---|" * 13,
-    ]
-    for case in arguments.cases.split(","):
+    started = time.perf_counter()
+    head = (
+        "| problem | variables × rows | solver | mean | median | p99 | worst | cold: mean | worst | iterations: mean / most | "
+        "steps | not solved | violation | KKT residual | input apart | note |"
+    )
+    lines, summary, results = [head, "|" + "---|" * 16], [], []
+    print(head)
+    for case, scaling, steps, period in CASES:
         name, _, count = case.partition(":")
+        label = f"{name}-{scaling}" if scaling != 0.9 else case
+        if arguments.cases and label not in arguments.cases.split(","):
+            continue
+        if arguments.quick:
+            if count and int(count) > 25:
+                continue
+            steps, period, arguments.cap = max(40, steps // 5), max(20, period // 3), min(arguments.cap, 10.0)
+        steps = min(steps, arguments.steps or steps)
         with tempfile.TemporaryDirectory() as folder:
-            command = [arguments.mpct, "example", name] + (["--count", count] if count else [])
+            command = [str(arguments.mpct), "example", name] + (["--count", count] if count else [])
+            text = subprocess.run(command, check=True, capture_output=True, text=True).stdout
             file = Path(folder) / "problem.toml"
-            file.write_text(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+            file.write_text(rescaled(text, scaling))
             p = problem_file.read(file)
             out = subprocess.run([arguments.mpct, "design", "--json", file], check=True, capture_output=True, text=True)
-        c = condense(p, json.loads(out.stdout))
-        sequence = programs(p, c, min(p.steps, arguments.steps or p.steps))
-        for solver_class in SOLVERS:
-            try:
-                r = measure(solver_class, c, sequence, arguments.cap)
-            except Exception as error:  # a solver that cannot be run is reported, not hidden
-                print(f"{p.name}: {solver_class.name}: {error!r}", flush=True)
-                lines.append(f"| {p.name} | {c.G.shape[1]} × {c.G.shape[0]} | {solver_class.name} | failed: {type(error).__name__} |" + " |" * 9)
+            d = programs.Design(p, json.loads(out.stdout))
+            loop = own(arguments, file, d, p, steps, period, Path(folder))
+        c, s = programs.condense(p, d), programs.stage(p, d)
+        size = f"{c.G.shape[1]} × {c.G.shape[0]}"
+        numbers, told = loop["numbers"], loop["told"]
+        found = []
+        for rival in RIVALS:
+            if arguments.rivals and rival.name not in arguments.rivals.split(","):
                 continue
-            t = 1e6 * r["inside"]
+            found.append(measure(rival, c, s, loop, arguments.repetitions, arguments.cap))
+            judge(c, loop, found[-1])
+        # The reference of a step: the rival's answer with the smallest residual, if that is small.
+        reference = {}
+        for k in range(steps):
+            best = min((g["residuals"].get(k, np.inf), i) for i, g in enumerate(found)) if found else (np.inf, 0)
+            if best[0] < 1e-7:
+                reference[k] = (found[best[1]]["inputs"][k], best[1])
+
+        def apart(inputs, known=reference):
+            gaps = [float(np.abs(inputs[k] - u).max()) for k, (u, _) in known.items() if k in inputs]
+            return f"{max(gaps):.1e}" if gaps else ""
+
+        entry = {"name": label, "lines": {}}
+        results.append(entry)
+        mine = dict(enumerate(loop["u"]))
+        for title, warm, cold in (("mpct step (runtime)", 0, 1), ("mpct step (desk)", 2, 3)):
+            t = 1e-9 * numbers[:, warm]
+            if np.all(np.isnan(t)):
+                continue
+            entry["lines"][title] = (1e6 * t.mean(), 1e6 * t.max())
             line = (
-                f"| {p.name} | {c.G.shape[1]} × {c.G.shape[0]} | {r['solver']} | {t.mean():.3g} | {np.median(t):.3g} | "
-                f"{np.percentile(t, 99):.3g} | {t.max():.3g} | {1e6 * r['outside'].mean():.3g} | "
-                f"{r['iterations'].mean():.1f} / {r['iterations'].max()} | {r['steps']} | {r['failed']} | {r['violation']:.1e} | {r['apart']:.1e} |"
+                f"| {label} | {size} | {title} | {statistics(t)} | {cold_cells(1e-9 * numbers[loop['cold'], cold])} | "
+                f"{numbers[:, 4].mean():.1f} / {numbers[:, 4].max():.0f} | {steps} | 0 | {told['violation']:.1e} | "
+                f"{told['residual']:.1e} | {apart(mine)} | |"
             )
             lines.append(line)
             print(line, flush=True)
+        for g in found:
+            warm = [v[0] for v in g["warm"].values()]
+            iterations = [v[1] for v in g["warm"].values()]
+            cold = [g["warm"][k][0] for k in loop["cold"] if k in g["warm"]] if g["always_cold"] else [v[0] for v in g["cold"].values()]
+            if not warm:
+                line = f"| {label} | {size} | {g['name']} |" + " |" * 12 + f" {g['note']} |"
+            else:
+                entry["lines"][g["name"]] = (1e6 * np.mean(warm), 1e6 * np.max(warm))
+                kkt = "" if np.isnan(g["residual"]) else f"{g['residual']:.1e}"
+                line = (
+                    f"| {label} | {size} | {g['name']} | {statistics(warm)} | {cold_cells(cold)} | {np.mean(iterations):.1f} / {max(iterations)} | "
+                    f"{len(warm)} | {len({k for _, k in g['failed']})} | {g['violation']:.1e} | {kkt} | {apart(g['inputs'])} | {g['note']} |"
+                )
+            lines.append(line)
+            print(line, flush=True)
+        summary.append(ratios(label, loop, numbers, found))
+        print(summary[-1], flush=True)
+    minutes = (time.perf_counter() - started) / 60
+    if arguments.quick:
+        return
+    text = f"""# Closed loops with public solvers
+
+`python closed_loop.py` (after `cargo build --release -p mpct-cli && cargo build --release -p mpct --example online_time`); this run took
+{minutes:.0f} minutes. Machine: {machine()}.
+
+Microseconds. Every solver gets the same states and set-points, those of the closed loop of mpct, with set-points that jump every
+40 (academic), 150 (drone) or 100 (carts) steps to where many inputs saturate. A step's time is the smallest of {arguments.repetitions} passes, for mpct and rivals
+alike, so that other programs on the machine count less; a rival that is slow has fewer passes, and is stopped after {arguments.cap:.0f} s. mpct, runtime:
+the whole step of `mpct_runtime` from (x, set-point) to u; desk: `Controller::step`, which also checks the answer, says whether the
+set-point is admissible, and predicts. Rivals: what they report, from linear term and right-hand side to z; what is inside is said in
+`rivals.py` (DAQP: its iterations alone). Cold: the steps of jumps and the two after, from nothing. Violation: largest
+G z − b (right-hand sides are about 1). KKT residual: largest of rows, signs, stationarity and complementarity, relative to their terms.
+Input apart: from the rival's answer of that step with the smallest KKT residual, where that is below 1e-7.
+
+## In short
+
+The best rival is the one with the smallest mean, among those that solved every step they came to within a residual of 1e-3 of the inputs. Ratios above 1: mpct is faster.
+
+| problem | inputs at a bound, most | active rows, most | best rival | its mean / ours (runtime) | its mean / ours (desk) | its worst / ours (runtime) | its worst / ours (desk) |
+|{"---|" * 8}
+{chr(10).join(summary)}
+
+![Mean and worst step](closed_loop.svg)
+
+## All numbers
+
+{chr(10).join(lines)}
+"""
     RESULTS.mkdir(exist_ok=True)
-    (RESULTS / "closed_loop.md").write_text("\n".join(lines) + "\n")
+    (RESULTS / "closed_loop.md").write_text(text)
+    plot(results, RESULTS / "closed_loop.svg")
+
+
+def ratios(label: str, loop: dict, numbers, found: list[dict]) -> str:
+    usable = [g for g in found if g["warm"] and not any(phase == "warm" for phase, _ in g["failed"])]
+    good = []
+    for g in usable:
+        gaps = [float(np.abs(u - loop["u"][k]).max()) for k, u in g["inputs"].items()]
+        if gaps and max(gaps) < 1e-3 * max(1.0, float(np.abs(loop["u"]).max())):
+            good.append(g)
+    if not good:
+        return f"| {label} | {loop['saturated']} of {loop['inputs']} | {loop['active']} | none | | | | |"
+    best = min(good, key=lambda g: np.mean([v[0] for v in g["warm"].values()]))
+    steps = sorted(best["warm"])
+    theirs = np.array([best["warm"][k][0] for k in steps])
+    cells = []
+    for statistic in (np.mean, np.max):
+        for column in (0, 2):
+            ours = 1e-9 * numbers[steps, column]
+            cells.append("" if np.any(np.isnan(ours)) else f"{statistic(theirs) / statistic(ours):.2f}")
+    part = "" if len(steps) == len(numbers) else f" ({len(steps)} steps)"
+    return f"| {label} | {loop['saturated']} of {loop['inputs']} | {loop['active']} | {best['name']}{part} | {' | '.join(cells)} |"
+
+
+def rescaled(text: str, scaling: float) -> str:
+    lines = [f"scaling = {scaling}" if line.startswith("scaling") else line for line in text.splitlines()]
+    if not any(line.startswith("scaling") for line in lines):
+        raise SystemExit("the problem file states no scaling")
+    return "\n".join(lines) + "\n"
 
 
 if __name__ == "__main__":

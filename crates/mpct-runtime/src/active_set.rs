@@ -52,11 +52,16 @@ pub(crate) fn load<T: Scalar>(
     if fresh || ws.set_point != r {
         ws.set_point.copy_from_slice(r);
         ws.linear_set_point.fill(T::ZERO);
-        gemv_add(tables.linear_set_point, r, ws.linear_set_point);
+        let from = tables.found.linear_from[1];
+        gemv_add(
+            &tables.linear_set_point[from * r.len()..],
+            r,
+            &mut ws.linear_set_point[from..],
+        );
     }
     ws.x.copy_from_slice(x);
     ws.linear.copy_from_slice(ws.linear_set_point);
-    let from = tables.found.state_from;
+    let from = tables.found.linear_from[0];
     gemv_add(
         &tables.linear_state[from * x.len()..],
         x,
@@ -274,7 +279,15 @@ fn subtract_root<T: Scalar>(
 ) {
     direction.fill(T::ZERO);
     tables.root_mul_add(m, direction);
-    axpy(-t, direction, z);
+    for (zi, &d) in z.iter_mut().zip(direction.iter()) {
+        let moved = *zi - t * d;
+        // What a correction leaves of a number that should be zero shrinks from step to step.
+        *zi = if moved.abs() < T::TINY {
+            T::ZERO
+        } else {
+            moved
+        };
+    }
 }
 
 enum Added<T> {

@@ -90,8 +90,19 @@ impl<'a, T: Scalar> Factor<'a, T> {
 
     /// `w −= M_Wᵀ a`.
     pub fn subtract(&self, a: &[T], w: &mut [T]) {
-        for (row, &ai) in self.rows.chunks_exact(self.nz).zip(&a[..self.len]) {
-            axpy(-ai, row, w);
+        // Two rows at a time, so that `w` is read and written half as often.
+        let (pairs, last) = a[..self.len].as_chunks::<2>();
+        let mut rows = self.rows.chunks_exact(self.nz);
+        for &[a, b] in pairs {
+            let (Some(p), Some(q)) = (rows.next(), rows.next()) else {
+                return;
+            };
+            for ((wi, &pi), &qi) in w.iter_mut().zip(p).zip(q) {
+                *wi -= a * pi + b * qi;
+            }
+        }
+        if let ([a], Some(row)) = (last, rows.next()) {
+            axpy(-*a, row, w);
         }
     }
 
@@ -126,8 +137,8 @@ impl<'a, T: Scalar> Factor<'a, T> {
     /// Splits `m = M_Wᵀ a + ρ` with `M_W ρ = 0`. Writes `a`, `ρ` and `half = L⁻¹ M_W m`.
     pub fn project(&self, m: &[T], half: &mut [T], a: &mut [T], rho: &mut [T]) -> Projection<T> {
         let k = self.len;
-        for i in 0..k {
-            half[i] = dot(self.row(i), m);
+        for (h, row) in half[..k].iter_mut().zip(self.rows.chunks_exact(self.nz)) {
+            *h = dot(row, m);
         }
         self.forward(&mut half[..k]);
         for i in 0..k {

@@ -8,15 +8,17 @@
 //! worst violation found so far. The answer is exact; in a quiet closed loop nearly every row is skipped.
 //!
 //! Three things make this cheap. Rows are bounded in groups of 16 first, by the same formula with the largest `α, β, δ` of the group. Opposite
-//! rows share their product; when one of them is active, the other is far from its bound and both are left out. And after a pricing that found
-//! violated rows, the worst of them are evaluated first: they are likely to be the worst still, and then their violation rules out most others.
+//! rows share their product; when one of them is active, the other is far from its bound and both are left out. And the violated rows that a
+//! pass over all rows finds are worked off first, the worst of them at each iteration, before the next pass: the method is free to add any
+//! violated row.
 
 use crate::dense::{all_finite, distance_upper, dot};
 use crate::dims::ROW_BLOCK;
 use crate::{Scalar, Tables};
 
-/// Rows remembered from one pricing to the next.
-const RECENT: usize = 4;
+/// Violated rows remembered from one pass over all rows. Fewer, and more passes are needed; more, and the rows at its end
+/// are likely to be mended by those before.
+const LISTED: usize = 32;
 
 #[derive(Debug)]
 pub(crate) struct Pricing<'a, T> {
@@ -32,9 +34,8 @@ pub(crate) struct Pricing<'a, T> {
     forget: bool,
     /// Pricings of this step.
     pricings: u32,
-    /// The worst rows of the last pricing of this step.
-    recent: [usize; RECENT],
-    recent_len: usize,
+    /// Violated rows of the last pass over all rows in this step.
+    list: List<T>,
 }
 
 /// Result of one pricing.
@@ -44,10 +45,65 @@ pub(crate) struct Priced<T> {
     pub worst: Option<(usize, T)>,
     /// Largest `qᵢ`, in units of right-hand sides, over the rows outside the working set; not below 0.
     pub violation: T,
-    /// `qᵢ` of that row, or 0: what the bound of another row must exceed to matter.
+    /// `qᵢ` of that row, or 0.
     best: T,
     /// A row gave NaN or ∞.
     pub broken: bool,
+}
+
+impl<T: Scalar> Priced<T> {
+    /// Takes note of residual `q` of row `row`, and of its opposite `−q − 2 s` when it is the first of a pair. Returns the larger one.
+    #[inline(always)]
+    fn weigh(&mut self, row: usize, mut q: T, scale: T, is_pair: bool) -> T {
+        let mut worst = row;
+        if is_pair {
+            let opposite = -q - (scale + scale);
+            if opposite > q {
+                (q, worst) = (opposite, row + 1);
+            }
+        }
+        self.broken |= !q.is_finite();
+        if q > T::ZERO {
+            self.violation = self.violation.max(q / scale);
+            if q > self.best && q > T::PRIMAL * scale {
+                self.best = q;
+                self.worst = Some((worst, q));
+            }
+        }
+        q
+    }
+}
+
+/// Rows and their violation when they were listed.
+#[derive(Debug)]
+struct List<T> {
+    rows: [(u32, T); LISTED],
+    len: usize,
+}
+
+impl<T: Scalar> List<T> {
+    const EMPTY: Self = Self {
+        rows: [(0, T::ZERO); LISTED],
+        len: 0,
+    };
+
+    /// Lists a row; when the list is full, in place of the least violated one.
+    fn note(&mut self, row: usize, q: T) {
+        if let Some(place) = self.rows.get_mut(self.len) {
+            *place = (row as u32, q);
+            self.len += 1;
+            return;
+        }
+        let mut least = 0;
+        for (i, entry) in self.rows.iter().enumerate() {
+            if entry.1 < self.rows[least].1 {
+                least = i;
+            }
+        }
+        if q > self.rows[least].1 {
+            self.rows[least] = (row as u32, q);
+        }
+    }
 }
 
 impl<'a, T: Scalar> Pricing<'a, T> {
@@ -67,8 +123,7 @@ impl<'a, T: Scalar> Pricing<'a, T> {
             path: [T::ZERO; 3],
             forget: true,
             pricings: 0,
-            recent: [0; RECENT],
-            recent_len: 0,
+            list: List::EMPTY,
         }
     }
 
@@ -90,7 +145,7 @@ impl<'a, T: Scalar> Pricing<'a, T> {
     pub fn measure(&mut self, x: &[T]) {
         self.path[2] += distance_upper(x, self.x);
         self.x.copy_from_slice(x);
-        (self.pricings, self.recent_len) = (0, 0);
+        (self.pricings, self.list.len) = (0, 0);
     }
 
     /// `bᵢ(x)`. A quiet step needs few of them; from the second pricing on they are kept.
@@ -135,7 +190,7 @@ impl<'a, T: Scalar> Pricing<'a, T> {
         self.block_key[row / ROW_BLOCK] = -T::INFINITY;
     }
 
-    /// The most violated row at `(x, z)` outside `working`.
+    /// A violated row at `(x, z)` outside `working`: the worst of those listed, or of all. None only when there is none.
     pub fn price(&mut self, tables: &Tables<'_, T>, z: &[T], working: &[u32]) -> Priced<T> {
         self.travel(tables, z, working);
         self.pricings += 1;
@@ -148,17 +203,21 @@ impl<'a, T: Scalar> Pricing<'a, T> {
             best: T::ZERO,
             broken: false,
         };
-        let (recent, recent_len) = (self.recent, self.recent_len);
-        self.recent_len = 0;
-        for &row in &recent[..recent_len.min(RECENT)] {
+        let listed = self.list.len;
+        self.list.len = 0;
+        for i in 0..listed {
+            let row = self.list.rows[i].0 as usize;
             if self.key[row] < T::INFINITY {
                 self.evaluate(tables, row, z, &mut found);
             }
         }
+        if found.worst.is_some() || found.broken {
+            return found;
+        }
         let path = self.path;
         for block in 0..self.block_key.len() {
             let reached = reached(&tables.block_reach, block, path);
-            if reached - self.block_key[block] > found.best {
+            if reached - self.block_key[block] > T::ZERO {
                 let bound = self.scan(tables, block, z, &mut found);
                 self.block_key[block] = reached - bound;
             }
@@ -168,50 +227,66 @@ impl<'a, T: Scalar> Pricing<'a, T> {
 
     /// Prices a group of rows. Returns the largest of their bounds.
     fn scan(&mut self, tables: &Tables<'_, T>, block: usize, z: &[T], found: &mut Priced<T>) -> T {
-        let end = ((block + 1) * ROW_BLOCK).min(tables.dims.rows);
-        let (mut row, mut largest) = (block * ROW_BLOCK, -T::INFINITY);
-        while row < end {
-            let reached = reached(&tables.reach, row, self.path);
-            let mut bound = reached - self.key[row];
-            if bound > found.best {
-                bound = self.evaluate(tables, row, z, found);
+        let first = block * ROW_BLOCK;
+        let end = (first + ROW_BLOCK).min(tables.dims.rows);
+        let middle = (2 * tables.found.pairs).clamp(first, end);
+        let of_pairs = self.scan_rows::<2>(tables, first, middle, z, found);
+        let of_others = self.scan_rows::<1>(tables, middle, end, z, found);
+        of_pairs.max(of_others)
+    }
+
+    /// Rows `first..end`, `STEP` of them sharing one product.
+    #[inline]
+    fn scan_rows<const STEP: usize>(
+        &mut self,
+        tables: &Tables<'_, T>,
+        first: usize,
+        end: usize,
+        z: &[T],
+        found: &mut Priced<T>,
+    ) -> T {
+        let (nz, n, rows) = (z.len(), self.x.len(), first..end);
+        let is_kept = self.pricings >= 2;
+        let g = tables.g[first * nz..end * nz].chunks_exact(STEP * nz);
+        let w = tables.w[first * n..end * n].chunks_exact(STEP * n);
+        let scale = tables.scale[rows.clone()].chunks_exact(STEP);
+        let [a, b, d] = tables
+            .reach
+            .map(|reach| reach[rows.clone()].chunks_exact(STEP));
+        let key = self.key[rows.clone()].chunks_exact_mut(STEP);
+        let bound = self.bound[rows].chunks_exact_mut(STEP);
+        let mut largest = -T::INFINITY;
+        let matrices = g.zip(w).zip(scale);
+        let numbers = a.zip(b).zip(d).zip(key).zip(bound);
+        for (i, (((g, w), scale), ((((a, b), d), key), bound))) in matrices.zip(numbers).enumerate()
+        {
+            let reached = a[0] * self.path[0] + b[0] * self.path[1] + d[0] * self.path[2];
+            let mut at_most = reached - key[0];
+            if at_most > T::ZERO {
+                if !is_kept || bound[0].is_nan() {
+                    bound[0] = scale[0] + dot(&w[..n], self.x);
+                }
+                let row = first + i * STEP;
+                let q = dot(&g[..nz], z) - bound[0];
+                at_most = found.weigh(row, q, scale[0], STEP == 2);
+                key[0] = reached - at_most;
+                if at_most > T::PRIMAL * scale[0] {
+                    self.list.note(row, at_most);
+                }
             }
-            largest = largest.max(bound);
-            row += if row < 2 * tables.found.pairs { 2 } else { 1 };
+            largest = largest.max(at_most);
         }
         largest
     }
 
-    /// Measures one row, or a pair, and renews its bound. Returns the larger residual.
-    #[inline]
-    fn evaluate(
-        &mut self,
-        tables: &Tables<'_, T>,
-        row: usize,
-        z: &[T],
-        found: &mut Priced<T>,
-    ) -> T {
-        let scale = tables.scale[row];
-        let (mut q, mut worst) = (self.residual(tables, row, z), row);
-        if row < 2 * tables.found.pairs {
-            // The opposite row: −G z − (2 s − b).
-            let opposite = -q - (scale + scale);
-            if opposite > q {
-                (q, worst) = (opposite, row + 1);
-            }
-        }
+    /// Measures one row, or a pair, and renews its bound.
+    fn evaluate(&mut self, tables: &Tables<'_, T>, row: usize, z: &[T], found: &mut Priced<T>) {
+        let (q, scale) = (self.residual(tables, row, z), tables.scale[row]);
+        let q = found.weigh(row, q, scale, row < 2 * tables.found.pairs);
         self.key[row] = reached(&tables.reach, row, self.path) - q;
-        found.broken |= !q.is_finite();
-        if q > T::ZERO {
-            found.violation = found.violation.max(q / scale);
-            if q > found.best && q > T::PRIMAL * scale {
-                found.best = q;
-                found.worst = Some((worst, q));
-                self.recent[self.recent_len % RECENT] = row;
-                self.recent_len += 1;
-            }
+        if q > T::PRIMAL * scale {
+            self.list.note(row, q);
         }
-        q
     }
 
     /// Adds the movement to `z` to the paths; forgets the bounds when the paths are too long to be accurate.

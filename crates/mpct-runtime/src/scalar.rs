@@ -78,6 +78,10 @@ pub trait Scalar:
     /// would turn its noise into a constraint.
     const MAX_ROW_SCALE: Self;
 
+    /// Entries of `z` below this are set to zero. Products of smaller numbers are subnormal, and many processors need a hundred
+    /// times longer for these.
+    const TINY: Self;
+
     /// Nearest value to `value`.
     fn from_f64(value: f64) -> Self;
     /// The value as `f64`, exact.
@@ -167,14 +171,15 @@ impl Scalar for f64 {
     const INFINITY: Self = f64::INFINITY;
     const NAN: Self = f64::NAN;
     const EPSILON: Self = f64::EPSILON;
-    const PRIMAL: Self = 1e-9;
+    const PRIMAL: Self = 1e-10;
     const REFINE: Self = 1e-11;
     const STATIONARY: Self = 1e-12;
     const DEPENDENT: Self = 1e-14;
-    const REPROJECT: Self = 1e-3;
+    const REPROJECT: Self = 1e-6;
     const PROOF_MARGIN: Self = 1e-10;
     const PROOF_RADIUS: Self = 1e6;
     const REACH: Self = 1e4;
+    const TINY: Self = 1e-150;
     const MAX_ROW_SCALE: Self = 1_099_511_627_776.0; // 2^40
     scalar!(
         f64,
@@ -203,6 +208,7 @@ impl Scalar for f32 {
     const PROOF_MARGIN: Self = 2e-6;
     const PROOF_RADIUS: Self = 1e3;
     const REACH: Self = 4.0;
+    const TINY: Self = 1e-18;
     const MAX_ROW_SCALE: Self = 1_048_576.0; // 2^20
     scalar!(
         f32,

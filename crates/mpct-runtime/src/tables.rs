@@ -14,7 +14,7 @@
 //! Every row of `(G, W, 1)` is multiplied by a power of two that brings its row of `M` to a length in `[1, 2)`.
 //! Powers of two are exact: the stored rows *are* the rows of the problem.
 
-use crate::dense::{all_finite, axpy, dot, max_abs};
+use crate::dense::{all_finite, axpy, dot, gemv_add, max_abs};
 use crate::dims::ROW_BLOCK;
 use crate::{Dims, Scalar};
 
@@ -87,8 +87,8 @@ pub(crate) struct Found<T> {
     pub hessian_max: [T; 2],
     /// `H` has no entry outside diagonal blocks of this size: `m`, or `nz` when it is not block diagonal.
     pub block: usize,
-    /// Rows of `F_x` before this one are zero.
-    pub state_from: usize,
+    /// Rows of `F_x` before the first are zero, rows of `F_r` before the second.
+    pub linear_from: [usize; 2],
     /// Rows `2 k` and `2 k + 1` are opposite for every `k` below this.
     pub pairs: usize,
 }
@@ -228,7 +228,7 @@ impl<'a, T: Scalar> Tables<'a, T> {
                 reach_max: [T::ZERO; 3],
                 hessian_max: [T::ZERO; 2],
                 block: nz,
-                state_from: 0,
+                linear_from: [0; 2],
                 pairs: 0,
             },
             gain: take(m * n),
@@ -307,11 +307,15 @@ impl<'a, T: Scalar> Tables<'a, T> {
             return Err(TableError::Dimensions);
         }
         tables.found.block = if tables.is_block_diagonal() { m } else { nz };
-        tables.found.state_from = tables
-            .linear_state
-            .chunks_exact(dims.states)
-            .position(|row| row.iter().any(|&v| v != T::ZERO))
-            .unwrap_or(nz);
+        let first = |m: &[T], width: usize| {
+            m.iter()
+                .position(|&v| v != T::ZERO)
+                .map_or(nz, |i| i / width)
+        };
+        tables.found.linear_from = [
+            first(tables.linear_state, dims.states),
+            first(tables.linear_set_point, dims.set_point.max(1)),
+        ];
         tables.found.pairs = (0..rows / 2)
             .position(|k| !tables.is_pair(2 * k))
             .unwrap_or(rows / 2);
@@ -391,12 +395,38 @@ impl<'a, T: Scalar> Tables<'a, T> {
     /// `y += H x`.
     #[inline]
     pub(crate) fn hessian_mul_add(&self, x: &[T], y: &mut [T]) {
-        let block = self.found.block;
-        let rows = self.hessian.chunks_exact(x.len().max(1) * block);
-        let parts = y.chunks_exact_mut(block).zip(x.chunks_exact(block));
-        for (k, (rows, (y, part))) in rows.zip(parts).enumerate() {
-            for (yi, row) in y.iter_mut().zip(rows.chunks_exact(x.len())) {
-                *yi += dot(&row[k * block..(k + 1) * block], part);
+        match self.found.block {
+            1 => self.hessian_blocks::<1>(x, y),
+            2 => self.hessian_blocks::<2>(x, y),
+            3 => self.hessian_blocks::<3>(x, y),
+            4 => self.hessian_blocks::<4>(x, y),
+            block if block == x.len() => gemv_add(self.hessian, x, y),
+            block => {
+                let rows = self.hessian.chunks_exact(x.len().max(1));
+                for (k, (yi, row)) in y.iter_mut().zip(rows).enumerate() {
+                    let own = k / block * block..(k / block + 1) * block;
+                    *yi += dot(&row[own.clone()], &x[own]);
+                }
+            }
+        }
+    }
+
+    /// The same for blocks of a size that the compiler knows.
+    #[inline]
+    fn hessian_blocks<const B: usize>(&self, x: &[T], y: &mut [T]) {
+        let rows = self.hessian.chunks_exact(x.len() * B);
+        let parts = y
+            .as_chunks_mut::<B>()
+            .0
+            .iter_mut()
+            .zip(x.as_chunks::<B>().0);
+        for (k, ((y, x), rows)) in parts.zip(rows).enumerate() {
+            for (yi, row) in y.iter_mut().zip(rows.chunks_exact(rows.len() / B)) {
+                if let Some(row) = row.get(k * B..).and_then(|r| r.first_chunk::<B>()) {
+                    for lane in 0..B {
+                        *yi += row[lane] * x[lane];
+                    }
+                }
             }
         }
     }
@@ -404,15 +434,39 @@ impl<'a, T: Scalar> Tables<'a, T> {
     /// `y += R⁻¹ x`.
     #[inline]
     pub(crate) fn root_mul_add(&self, x: &[T], y: &mut [T]) {
-        let mut rest = self.root_inverse;
-        let mut left = x.len();
-        let parts = y
-            .chunks_exact_mut(self.found.block)
-            .zip(x.chunks_exact(self.found.block));
-        for (y, part) in parts {
-            for (k, yi) in y.iter_mut().enumerate() {
+        match self.found.block {
+            1 => self.root_blocks::<1>(x, y),
+            2 => self.root_blocks::<2>(x, y),
+            3 => self.root_blocks::<3>(x, y),
+            4 => self.root_blocks::<4>(x, y),
+            block => {
+                let (mut rest, mut left) = (self.root_inverse, x.len());
+                for (y, part) in y.chunks_exact_mut(block).zip(x.chunks_exact(block)) {
+                    for (k, yi) in y.iter_mut().enumerate() {
+                        let (row, tail) = rest.split_at(left);
+                        *yi += dot(&row[..block - k], &part[k..]);
+                        (rest, left) = (tail, left - 1);
+                    }
+                }
+            }
+        }
+    }
+
+    /// The same for blocks of a size that the compiler knows.
+    #[inline]
+    fn root_blocks<const B: usize>(&self, x: &[T], y: &mut [T]) {
+        let (mut rest, mut left) = (self.root_inverse, x.len());
+        for (y, x) in y
+            .as_chunks_mut::<B>()
+            .0
+            .iter_mut()
+            .zip(x.as_chunks::<B>().0)
+        {
+            for k in 0..B {
                 let (row, tail) = rest.split_at(left);
-                *yi += dot(&row[..part.len() - k], &part[k..]);
+                for (&r, &v) in row.iter().zip(&x[k..]) {
+                    y[k] += r * v;
+                }
                 (rest, left) = (tail, left - 1);
             }
         }
@@ -421,18 +475,15 @@ impl<'a, T: Scalar> Tables<'a, T> {
     /// `y = R⁻ᵀ x`.
     #[inline]
     pub(crate) fn root_transpose_mul(&self, x: &[T], y: &mut [T]) {
+        let block = self.found.block;
         y.fill(T::ZERO);
-        let mut rest = self.root_inverse;
-        let mut left = x.len();
-        let parts = y
-            .chunks_exact_mut(self.found.block)
-            .zip(x.chunks_exact(self.found.block));
-        for (y, part) in parts {
+        let (mut rest, mut left) = (self.root_inverse, x.len());
+        for (y, part) in y.chunks_exact_mut(block).zip(x.chunks_exact(block)) {
             for (k, &xk) in part.iter().enumerate() {
                 let (row, tail) = rest.split_at(left);
                 // Rows of early stages have many exact zeros.
                 if xk != T::ZERO {
-                    axpy(xk, &row[..part.len() - k], &mut y[k..]);
+                    axpy(xk, &row[..block - k], &mut y[k..]);
                 }
                 (rest, left) = (tail, left - 1);
             }

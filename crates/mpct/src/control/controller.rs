@@ -271,6 +271,11 @@ impl Controller {
         for ((u, v), o) in step.input.iter_mut().zip(&answer.input).zip(at) {
             *u = v + o;
         }
+        if answer.why.is_none()
+            && let Some(first) = step.predicted_inputs.first_mut()
+        {
+            first.clone_from(&step.input);
+        }
         step.status = answer
             .why
             .map_or(StepStatus::Optimal, |why| StepStatus::Candidate(why.into()));
