@@ -11,7 +11,7 @@
 //! | | numbers | access |
 //! |---|---|---|
 //! | tables | `pairs (g + v + 3) + nz (h + …)`, with F_x, F_r, K, C, E | read only, may lie in flash |
-//! | workspace | `nz (b + 9) + nz/16 + n + nr + m + 4 pairs + 4 groups`, and `2 nz + 1 + 3 pairs + 5 groups` indices of 4 bytes | read and write |
+//! | workspace | `nz (b + 9) + nz/16 + n + nr + m + 5 pairs + 4 groups`, and `2 nz + 1 + 3 pairs + 6 groups` indices of 4 bytes | read and write |
 //!
 //! # Work, in multiply-adds, with `k` active rows
 //!

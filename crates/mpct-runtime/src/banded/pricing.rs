@@ -30,7 +30,7 @@ impl<T: Scalar> Parts<'_, T> {
     /// How far the row of each side lies beyond its penalised bound, b − centre / ρ: (upper, lower).
     #[inline(always)]
     fn beyond(&self, tables: &BandedTables<'_, T>, pair: usize) -> (T, T) {
-        let value = self.value(tables, pair);
+        let value = tables.data.rows.dot(pair, self.z) + self.of_state[pair];
         let centre = self.centre[pair] / self.stiff[pair];
         (
             value - tables.data.upper[pair] + centre.max(T::ZERO),
@@ -41,8 +41,15 @@ impl<T: Scalar> Parts<'_, T> {
     /// Measures a group.
     fn measure(&mut self, tables: &BandedTables<'_, T>, group: usize) {
         let d = &tables.data;
+        let pairs = d.groups[group] as usize..d.groups[group + 1] as usize;
+        if self.is_dated[group] == 0 {
+            for pair in pairs.clone() {
+                self.of_state[pair] = d.rows_state.dot(pair, self.x);
+            }
+            self.is_dated[group] = 1;
+        }
         let (mut known, mut best) = (-T::INFINITY, 0);
-        for pair in d.groups[group] as usize..d.groups[group + 1] as usize {
+        for pair in pairs {
             if self.side[pair] != 0 {
                 continue;
             }
@@ -59,35 +66,54 @@ impl<T: Scalar> Parts<'_, T> {
         (self.known[group], self.best[group], self.moved[group]) = (known, best, T::ZERO);
     }
 
+    /// Measures a group unless what is known of it is exact. `Err` when an excess is not a number.
+    #[inline]
+    fn know(&mut self, tables: &BandedTables<'_, T>, group: usize) -> Result<T, ()> {
+        // Written so that a movement that is not a number is measured.
+        if !(self.moved[group] <= T::ZERO) || !(self.known[group] < T::INFINITY) {
+            self.measure(tables, group);
+        }
+        // An infinite excess would be measured for ever.
+        if self.known[group] < T::INFINITY {
+            Ok(self.known[group])
+        } else {
+            Err(())
+        }
+    }
+
     /// The most violated row that is not active. `Err` when an excess is not a number.
     pub fn price(&mut self, tables: &BandedTables<'_, T>) -> Result<Option<Violated<T>>, ()> {
-        loop {
-            let (mut worst, mut excess) = (None, T::ZERO);
-            for (group, (&known, &moved)) in self.known.iter().zip(self.moved.iter()).enumerate() {
-                let most = known + moved;
-                if !(most <= excess) {
-                    (worst, excess) = (Some(group), most);
-                }
+        // The group that could be the worst is measured first: most others cannot exceed it then.
+        let (mut worst, mut excess) = (None, T::ZERO);
+        for (group, (&known, &moved)) in self.known.iter().zip(self.moved.iter()).enumerate() {
+            let most = known + moved;
+            if !(most <= excess) {
+                (worst, excess) = (Some(group), most);
             }
-            let Some(group) = worst else { return Ok(None) };
-            // Written so that a movement that is not a number is measured.
-            if !(self.moved[group] <= T::ZERO) || !(self.known[group] < T::INFINITY) {
-                self.measure(tables, group);
-                // An infinite excess, too: it would be measured for ever.
-                if !(self.known[group] < T::INFINITY) {
-                    return Err(());
-                }
-                continue;
-            }
-            let pair = self.best[group] as usize;
-            let (upper, lower) = self.beyond(tables, pair);
-            let (side, by) = if upper >= lower {
-                (1, upper)
-            } else {
-                (2, lower)
-            };
-            return Ok(Some(Violated { pair, side, by }));
         }
+        let Some(first) = worst else { return Ok(None) };
+        (worst, excess) = (None, T::ZERO);
+        let found = self.know(tables, first)?;
+        if found > excess {
+            (worst, excess) = (Some(first), found);
+        }
+        for group in 0..self.known.len() {
+            if !(self.known[group] + self.moved[group] <= excess) && group != first {
+                let found = self.know(tables, group)?;
+                if found > excess {
+                    (worst, excess) = (Some(group), found);
+                }
+            }
+        }
+        let Some(group) = worst else { return Ok(None) };
+        let pair = self.best[group] as usize;
+        let (upper, lower) = self.beyond(tables, pair);
+        let (side, by) = if upper >= lower {
+            (1, upper)
+        } else {
+            (2, lower)
+        };
+        Ok(Some(Violated { pair, side, by }))
     }
 
     /// The group of a pair must be measured again: a row of it became inactive.
@@ -131,6 +157,7 @@ impl<T: Scalar> Parts<'_, T> {
 
     /// A new state; `x` in the order of the caller. Finite: the caller has checked it.
     pub fn measure_state(&mut self, tables: &BandedTables<'_, T>, x: &[T]) {
+        self.is_dated.fill(0);
         let order = tables.data.state_order;
         for block in 0..order.len().div_ceil(BLOCK) {
             let mut sum = T::ZERO;

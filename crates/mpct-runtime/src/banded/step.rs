@@ -249,8 +249,8 @@ where
         let numbers = self.numbers.as_ref();
         let (pairs, groups) = (tables.pairs(), tables.groups());
         let from_end = match which {
-            Vector::Multipliers => 4 * pairs + 4 * groups,
-            Vector::Proof => pairs + 4 * groups,
+            Vector::Multipliers => 5 * pairs + 4 * groups,
+            Vector::Proof => 2 * pairs + 4 * groups,
         };
         match numbers.len().checked_sub(from_end) {
             Some(at) if self.state.sizes == sizes(tables) => &numbers[at..at + pairs],

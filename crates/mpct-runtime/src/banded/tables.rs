@@ -267,12 +267,12 @@ impl<'a, T: Scalar> BandedTables<'a, T> {
         self.factor
     }
 
-    /// Numbers a controller needs: `factor + 9 nz + max(nz, n)/16 + 1 + n + nr + m + 4 pairs + 4 groups`; see [`super`].
+    /// Numbers a controller needs: `factor + 9 nz + max(nz, n)/16 + 1 + n + nr + m + 5 pairs + 4 groups`; see [`super`].
     pub fn workspace_len(&self) -> usize {
         super::workspace::numbers(self)
     }
 
-    /// Indices of 4 bytes a controller needs: `2 nz + 1 + 3 pairs + 5 groups`.
+    /// Indices of 4 bytes a controller needs: `2 nz + 1 + 3 pairs + 6 groups`.
     pub fn index_len(&self) -> usize {
         super::workspace::indices(self)
     }

@@ -83,6 +83,8 @@ pub(crate) struct Parts<'w, T> {
     pub stiff: &'w mut [T],
     /// A number for each active row; the proof when there is one (of each pair).
     pub slope: &'w mut [T],
+    /// V x of the pairs of groups that were measured in this step.
+    pub of_state: &'w mut [T],
     /// Largest excess of a row of each group when it was measured.
     pub known: &'w mut [T],
     /// How much it can have grown since.
@@ -95,6 +97,8 @@ pub(crate) struct Parts<'w, T> {
     pub side: &'w mut [u32],
     /// Pairs with a centre.
     pub centred: &'w mut [u32],
+    /// Whether `of_state` holds for each group: 0 or 1.
+    pub is_dated: &'w mut [u32],
     /// The row of that excess.
     pub best: &'w mut [u32],
     /// First variable, end, first state, end of each group.
@@ -112,12 +116,12 @@ pub(crate) fn numbers<T: Scalar>(tables: &BandedTables<'_, T>) -> usize {
         + tables.states()
         + tables.set_point()
         + tables.inputs()
-        + 4 * tables.pairs()
+        + 5 * tables.pairs()
         + 4 * tables.groups()
 }
 
 pub(crate) fn indices<T: Scalar>(tables: &BandedTables<'_, T>) -> usize {
-    2 * tables.variables() + 1 + 3 * tables.pairs() + 5 * tables.groups()
+    2 * tables.variables() + 1 + 3 * tables.pairs() + 6 * tables.groups()
 }
 
 /// What decides how memory is divided.
@@ -176,12 +180,14 @@ pub(crate) fn divide<'w, T: Scalar>(
         centre: numbers(pairs),
         stiff: numbers(pairs),
         slope: numbers(pairs),
+        of_state: numbers(pairs),
         known: numbers(groups),
         moved: numbers(groups),
         reach: [numbers(groups), numbers(groups)],
         active: indices(pairs),
         side: indices(pairs),
         centred: indices(pairs),
+        is_dated: indices(groups),
         best: indices(groups),
         spans: [
             indices(groups),
