@@ -264,6 +264,7 @@ impl<T: Scalar> Parts<'_, T> {
         self.known.fill(T::INFINITY);
         self.stiff.fill(super::solve::stiffness());
         self.side.fill(0);
+        self.is_dated.fill(0);
         longest
     }
 }
