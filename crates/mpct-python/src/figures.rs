@@ -148,11 +148,27 @@ pub fn _report(
     let run = run_from_python(run)?;
     let ingredients = &design.inner;
     let plant = ingredients.problem().plant();
-    let expected = (plant.states(), plant.inputs());
-    let found = run.steps.first().map_or((0, 0), |s| (s.x.len(), s.u.len()));
-    if found != expected {
-        let words = |(n, m): (usize, usize)| format!("one with {n} states and {m} inputs");
-        return Err(errors::argument(py, "run", &words(expected), &words(found)));
+    let (n, m) = (plant.states(), plant.inputs());
+    if let Some(step) = run.steps.first() {
+        if (step.x.len(), step.u.len()) != (n, m) {
+            let words = |n: usize, m: usize| format!("one with {n} states and {m} inputs");
+            let found = words(step.x.len(), step.u.len());
+            return Err(errors::argument(py, "run", &words(n, m), &found));
+        }
+        let widths = [
+            ("artificial_state", n, step.artificial_state.len()),
+            ("artificial_input", m, step.artificial_input.len()),
+            ("setpoint", n, step.setpoint.len()),
+        ];
+        if let Some((what, expected, found)) = widths.iter().find(|w| w.1 != w.2) {
+            let words = |n: usize| format!("{n} columns");
+            return Err(errors::argument(
+                py,
+                what,
+                &words(*expected),
+                &words(*found),
+            ));
+        }
     }
     let report = || Report::new(ingredients, &run, disturbed);
     match signals {
