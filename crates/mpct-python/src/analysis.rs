@@ -3,6 +3,7 @@
 use crate::controller::PyController;
 use crate::convert;
 use crate::errors;
+use crate::fork;
 use crate::interrupt;
 use mpct::DesignError;
 use mpct::analysis::{DomainOfAttraction, Membership, Polygon};
@@ -72,7 +73,7 @@ impl PyDomainOfAttraction {
     #[new]
     fn new(py: Python<'_>, controller: Py<PyController>) -> Self {
         let known = controller.get();
-        let inner = py.detach(|| Arc::new(DomainOfAttraction::of(&known.lock())));
+        let inner = fork::detached(py, || Arc::new(DomainOfAttraction::of(&known.lock())));
         Self { inner, controller }
     }
 
@@ -201,5 +202,5 @@ pub fn work<T: Send>(
     py: Python<'_>,
     of: impl FnOnce() -> Result<T, DesignError> + Send,
 ) -> PyResult<T> {
-    py.detach(of).map_err(|e| errors::design(py, &e))
+    fork::detached(py, of).map_err(|e| errors::design(py, &e))
 }

@@ -4,6 +4,7 @@ use crate::analysis;
 use crate::convert;
 use crate::design::PyDesign;
 use crate::errors;
+use crate::fork;
 use crate::names;
 use crate::search;
 use crate::step::PyStep;
@@ -117,8 +118,7 @@ impl PyController {
     ) -> PyResult<PyStep> {
         let x = convert::vector("x", x)?;
         let set_point = self::set_point(set_point, input)?;
-        let inner = py
-            .detach(|| self.lock().step(&x, &set_point))
+        let inner = fork::detached(py, || self.lock().step(&x, &set_point))
             .map_err(|e| errors::step(py, &e))?;
         Ok(PyStep { inner })
     }
@@ -154,15 +154,14 @@ impl PyController {
     ) -> PyResult<Program<'py>> {
         let x = convert::vector("x", x)?;
         let set_point = self::set_point(set_point, input)?;
-        let qp = py
-            .detach(|| self.lock().qp(&x, &set_point))
+        let qp = fork::detached(py, || self.lock().qp(&x, &set_point))
             .map_err(|e| errors::step(py, &e))?;
         program(py, qp)
     }
 
     /// Forgets the last step; the next one has no candidate to fall back on.
     fn reset(&self, py: Python<'_>) {
-        py.detach(|| self.lock().reset());
+        fork::detached(py, || self.lock().reset());
     }
 
     /// Bounds the work of a step.
@@ -182,7 +181,7 @@ impl PyController {
     ) -> PyResult<()> {
         let time = search::seconds(py, "seconds", seconds)?;
         let iterations = iterations.map(|i| u32::try_from(i).unwrap_or(u32::MAX));
-        py.detach(|| self.lock().set_limits(iterations, time));
+        fork::detached(py, || self.lock().set_limits(iterations, time));
         Ok(())
     }
 
@@ -201,13 +200,13 @@ impl PyController {
     /// Variables of the quadratic program.
     #[getter]
     fn variables(&self, py: Python<'_>) -> usize {
-        py.detach(|| self.lock().variables())
+        fork::detached(py, || self.lock().variables())
     }
 
     /// Rows of the quadratic program.
     #[getter]
     fn rows(&self, py: Python<'_>) -> usize {
-        py.detach(|| self.lock().rows())
+        fork::detached(py, || self.lock().rows())
     }
 
     fn __repr__(&self, py: Python<'_>) -> String {
@@ -243,7 +242,7 @@ pub fn _step_seconds(
     let x = convert::vector("x", x)?;
     let set_point = self::set_point(set_point, None)?;
     let known = controller.get();
-    py.detach(|| {
+    fork::detached(py, || {
         let mut controller = known.lock();
         let start = Instant::now();
         for _ in 0..count {

@@ -4,6 +4,7 @@ use crate::analysis;
 use crate::controller::{self, PyController};
 use crate::convert;
 use crate::errors;
+use crate::fork;
 use crate::names;
 use crate::problem::PyProblem;
 use crate::search::Search;
@@ -286,13 +287,12 @@ impl PyDesign {
         input: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyAny>> {
         let set_point = controller::set_point(set_point, input)?;
-        let inner = py
-            .detach(|| {
-                self.inner
-                    .steady_states()
-                    .closest_admissible(self.inner.problem(), &set_point)
-            })
-            .map_err(|e| errors::design(py, &e))?;
+        let inner = fork::detached(py, || {
+            self.inner
+                .steady_states()
+                .closest_admissible(self.inner.problem(), &set_point)
+        })
+        .map_err(|e| errors::design(py, &e))?;
         controller::closest(py, inner)
     }
 

@@ -4,6 +4,7 @@ use crate::controller;
 use crate::convert;
 use crate::design::PyDesign;
 use crate::errors;
+use crate::fork;
 use crate::interrupt;
 use crate::problem::PyProblem;
 use crate::search::Search;
@@ -28,8 +29,7 @@ pub fn _scaling_need<'py>(
 ) -> PyResult<Bound<'py, PyAny>> {
     let set_point = controller::set_point(set_point, input)?;
     let problem = &problem.inner;
-    let need = py
-        .detach(|| analysis::scaling_need(problem, &set_point))
+    let need = fork::detached(py, || analysis::scaling_need(problem, &set_point))
         .map_err(|e| errors::design(py, &e))?;
     convert::plain(py, &need)
 }
@@ -99,9 +99,10 @@ pub fn _verify<'py>(
     text: &str,
     ignore_digest: bool,
 ) -> PyResult<Bound<'py, PyAny>> {
-    let found = py
-        .detach(|| certificate::verify(text, VerifyOptions { ignore_digest }))
-        .map_err(|e| errors::verify(py, &e))?;
+    let found = fork::detached(py, || {
+        certificate::verify(text, VerifyOptions { ignore_digest })
+    })
+    .map_err(|e| errors::verify(py, &e))?;
     let fields = PyDict::new(py);
     fields.set_item("problem", &found.problem)?;
     fields.set_item("terminal_horizon", found.terminal_horizon)?;
@@ -147,19 +148,35 @@ pub fn _report(
     let run = run_from_python(run)?;
     let ingredients = &design.inner;
     let plant = ingredients.problem().plant();
-    let expected = (plant.states(), plant.inputs());
-    let found = run.steps.first().map_or((0, 0), |s| (s.x.len(), s.u.len()));
-    if found != expected {
-        let words = |(n, m): (usize, usize)| format!("one with {n} states and {m} inputs");
-        return Err(errors::argument(py, "run", &words(expected), &words(found)));
+    let (n, m) = (plant.states(), plant.inputs());
+    if let Some(step) = run.steps.first() {
+        if (step.x.len(), step.u.len()) != (n, m) {
+            let words = |n: usize, m: usize| format!("one with {n} states and {m} inputs");
+            let found = words(step.x.len(), step.u.len());
+            return Err(errors::argument(py, "run", &words(n, m), &found));
+        }
+        let widths = [
+            ("artificial_state", n, step.artificial_state.len()),
+            ("artificial_input", m, step.artificial_input.len()),
+            ("setpoint", n, step.setpoint.len()),
+        ];
+        if let Some((what, expected, found)) = widths.iter().find(|w| w.1 != w.2) {
+            let words = |n: usize| format!("{n} columns");
+            return Err(errors::argument(
+                py,
+                what,
+                &words(*expected),
+                &words(*found),
+            ));
+        }
     }
     let report = || Report::new(ingredients, &run, disturbed);
     match signals {
-        None => Ok(py.detach(|| report().page())),
+        None => Ok(fork::detached(py, || report().page())),
         Some(names) => {
             let choice = Choice::of(ingredients.problem(), &names)
                 .map_err(|e| errors::argument(py, "signals", "names of states and inputs", &e))?;
-            Ok(py.detach(|| report().picture(&choice)))
+            Ok(fork::detached(py, || report().picture(&choice)))
         }
     }
 }
@@ -193,8 +210,7 @@ pub fn _reproduce<'py>(py: Python<'py>, extent: &str) -> PyResult<(Bound<'py, Py
         })
     })?
     .map_err(|e| errors::reproduction(py, &e))?;
-    let texts = py
-        .detach(|| reproduction_files(&found))
+    let texts = fork::detached(py, || reproduction_files(&found))
         .map_err(pyo3::exceptions::PyRuntimeError::new_err)?;
     let files = REPRODUCTION_FILES
         .into_iter()
@@ -211,12 +227,11 @@ pub fn _read_file<'py>(
     path: Option<std::path::PathBuf>,
     text: Option<String>,
 ) -> PyResult<(PyProblem, Option<Bound<'py, PyAny>>)> {
-    let file = py
-        .detach(|| match (&path, &text) {
-            (Some(path), _) => ProblemFile::read(path),
-            (None, text) => ProblemFile::parse(text.as_deref().unwrap_or_default(), Path::new(".")),
-        })
-        .map_err(|e| errors::file(py, &e))?;
+    let file = fork::detached(py, || match (&path, &text) {
+        (Some(path), _) => ProblemFile::read(path),
+        (None, text) => ProblemFile::parse(text.as_deref().unwrap_or_default(), Path::new(".")),
+    })
+    .map_err(|e| errors::file(py, &e))?;
     let simulation = file
         .simulation
         .map(|s| crate::simulation::setting_to_python(py, &s))

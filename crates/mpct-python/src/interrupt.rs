@@ -1,5 +1,6 @@
 //! Long work that Ctrl-C ends.
 
+use crate::fork;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use std::sync::Arc;
@@ -33,7 +34,7 @@ pub fn leave<T: Send + 'static>(
         .stack_size(STACK)
         .spawn(move || {
             let _sender = sender;
-            work(&seen)
+            fork::with_threads(|| work(&seen))
         })
         .map_err(|e| PyRuntimeError::new_err(format!("cannot start a thread: {e}")))?;
     while !has_ended(py, &mut receiver) {
@@ -62,7 +63,7 @@ pub fn run<T: Send>(
             .spawn_scoped(scope, move || {
                 // Dropped at the end, also by a panic: that wakes the receiver.
                 let _sender = sender;
-                work(stop)
+                fork::with_threads(|| work(stop))
             })
             .map_err(|e| PyRuntimeError::new_err(format!("cannot start a thread: {e}")))?;
         let mut failure = None;

@@ -6,6 +6,7 @@ mod convert;
 mod design;
 mod errors;
 mod figures;
+mod fork;
 mod interrupt;
 mod names;
 mod parts;
@@ -32,6 +33,8 @@ mod _mpct {
         _scaling_need, _verify, _write_file,
     };
     #[pymodule_export]
+    use crate::fork::_after_fork;
+    #[pymodule_export]
     use crate::plant::PyPlant;
     #[pymodule_export]
     use crate::problem::PyProblem;
@@ -42,9 +45,16 @@ mod _mpct {
     #[pymodule_export]
     use crate::step::{_step, PyStep};
     use pyo3::prelude::*;
+    use pyo3::types::PyDict;
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        // Windows has no fork.
+        if let Some(register) = module.py().import("os")?.getattr_opt("register_at_fork")? {
+            let options = PyDict::new(module.py());
+            options.set_item("after_in_child", module.getattr("_after_fork")?)?;
+            register.call((), Some(&options))?;
+        }
         module.add("__version__", env!("CARGO_PKG_VERSION"))
     }
 }

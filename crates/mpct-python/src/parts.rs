@@ -2,6 +2,7 @@
 
 use crate::convert;
 use crate::errors;
+use crate::fork;
 use crate::names;
 use mpct::{
     Constraints, Formulation, Matrix, NoTerminalConstraint, Plant, Problem, Task, TerminalCost,
@@ -170,7 +171,7 @@ pub fn assemble(
     choices: Choices,
 ) -> PyResult<Problem> {
     let section_3_5 = choices.no_terminal_constraint(py)?;
-    py.detach(|| {
+    fork::detached(py, || {
         let mut problem = Problem::new(plant, constraints, weights)?
             .with_prediction_horizon(choices.horizon)?
             .with_scaling(choices.scaling)?

@@ -2,6 +2,7 @@
 
 use crate::convert;
 use crate::errors;
+use crate::fork;
 use mpct::{DesignError, Labels, Plant};
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
@@ -179,7 +180,7 @@ impl PyPlant {
             errors::argument_type(py, "dt", "the sampling time in seconds", "none")
         })?;
         let (a, b) = (convert::matrix("A", &a)?, convert::matrix("B", &b)?);
-        let plant = py.detach(|| Plant::continuous(a, b, dt));
+        let plant = fork::detached(py, || Plant::continuous(a, b, dt));
         let labels = Labels {
             state_names: convert::texts("state_names", state_names.as_ref())?,
             state_units: convert::texts("state_units", state_units.as_ref())?,

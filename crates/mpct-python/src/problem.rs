@@ -4,6 +4,7 @@ use crate::controller::{self, Program, PyController};
 use crate::convert;
 use crate::design::{self, PyDesign};
 use crate::errors;
+use crate::fork;
 use crate::names;
 use crate::parts::{self, Choices};
 use crate::plant::PyPlant;
@@ -164,7 +165,7 @@ impl PyProblem {
     ///     When the file is well formed, but what it states is not a problem.
     #[staticmethod]
     fn read(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
-        let file = py.detach(|| ProblemFile::read(&path));
+        let file = fork::detached(py, || ProblemFile::read(&path));
         Ok(file.map_err(|e| errors::file(py, &e))?.problem.into())
     }
 
@@ -180,7 +181,7 @@ impl PyProblem {
     /// Problem
     #[staticmethod]
     fn from_toml(py: Python<'_>, text: &str) -> PyResult<Self> {
-        let file = py.detach(|| ProblemFile::parse(text, Path::new(".")));
+        let file = fork::detached(py, || ProblemFile::parse(text, Path::new(".")));
         Ok(file.map_err(|e| errors::file(py, &e))?.problem.into())
     }
 
@@ -390,8 +391,7 @@ impl PyProblem {
             let design = design::design(py, &self.inner, search)?;
             PyController::of(py, &design, self.inner.formulation())
         })?;
-        let qp = py
-            .detach(|| controller.qp(&x, &set_point))
+        let qp = fork::detached(py, || controller.qp(&x, &set_point))
             .map_err(|e| errors::step(py, &e))?;
         controller::program(py, qp)
     }
@@ -408,8 +408,7 @@ impl PyProblem {
     /// DesignError
     ///     When (A, B) is not stabilizable, A + B K not Schur, or a direction is free of constraints.
     fn check<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        let found = py
-            .detach(|| mpct::terminal::check_assumption(&self.inner))
+        let found = fork::detached(py, || mpct::terminal::check_assumption(&self.inner))
             .map_err(|e| errors::design(py, &e))?;
         let fields = PyDict::new(py);
         fields.set_item("spectral_radius", found.spectral_radius)?;
@@ -438,13 +437,12 @@ impl PyProblem {
         input: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyAny>> {
         let set_point = controller::set_point(set_point, input)?;
-        let inner = py
-            .detach(|| {
-                mpct::terminal::check_assumption(&self.inner)?
-                    .steady_states
-                    .closest_admissible(&self.inner, &set_point)
-            })
-            .map_err(|e| errors::design(py, &e))?;
+        let inner = fork::detached(py, || {
+            mpct::terminal::check_assumption(&self.inner)?
+                .steady_states
+                .closest_admissible(&self.inner, &set_point)
+        })
+        .map_err(|e| errors::design(py, &e))?;
         controller::closest(py, inner)
     }
 

@@ -115,15 +115,23 @@ pub fn run_from_python(run: &Bound<'_, PyAny>) -> PyResult<Run> {
     let (artificial_x, artificial_u) = (table("artificial_state")?, table("artificial_input")?);
     let (setpoint, cost) = (table("setpoint")?, column("cost")?);
     let (offset_cost, seconds) = (column("offset_cost")?, column("solve_seconds")?);
-    let admissible: Vec<bool> = run
-        .getattr("admissible")?
-        .call_method0("tolist")?
-        .extract()?;
-    let iterations: Vec<usize> = run
-        .getattr("iterations")?
-        .call_method0("tolist")?
-        .extract()?;
-    let status: Vec<String> = run.getattr("status")?.extract()?;
+    // A run may be put together by hand, of lists in place of arrays.
+    let listed = |name: &str| {
+        let numpy = run.py().import("numpy")?;
+        numpy
+            .call_method1("asarray", (run.getattr(name)?,))?
+            .call_method0("tolist")
+    };
+    let wrong = |name: &str, expected: &str| {
+        errors::argument_type(run.py(), name, expected, "something else")
+    };
+    let admissible: Vec<bool> = listed("admissible")?
+        .extract()
+        .map_err(|_| wrong("admissible", "an array of booleans"))?;
+    let iterations: Vec<usize> = listed("iterations")?
+        .extract()
+        .map_err(|_| wrong("iterations", "an array of whole numbers >= 0"))?;
+    let status: Vec<String> = convert::texts("status", Some(&run.getattr("status")?))?;
     let steps = x.rows();
     let rows = [
         ("u", u.rows()),

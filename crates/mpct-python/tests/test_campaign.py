@@ -138,6 +138,7 @@ def test_results_files_are_readable(tmp_path):
         ({"scaling": [0.5]}, {"start_method": "fork"}, "fork"),
         ({"scaling": [0.5]}, {"seed": -1}, "seed: expected a whole number >= 0"),
         ({"seed": ["x"]}, {"simulation": SETTING}, r"runs\[0\]\['seed'\]"),
+        ({"seed": [2**63]}, {"simulation": SETTING}, r"runs\[0\]\['seed'\]: expected a whole number below"),
     ],
 )
 def test_refused(runs, options, message):
@@ -168,6 +169,36 @@ def test_a_failing_watcher_ends_the_workers():
     while multiprocessing.active_children() and time.monotonic() < patience:
         time.sleep(0.01)
     assert not multiprocessing.active_children()
+
+
+@pytest.mark.parametrize("text", ["notes\n", "", "\0\0", "run,scaling\n0,0.5\n"])
+def test_a_file_that_is_none_of_a_campaign_stays(tmp_path, text):
+    path = tmp_path / "notes.csv"
+    path.write_text(text)
+    with pytest.raises(mpct.ArgumentError, match="results: expected a results file of a campaign"):
+        mpct.campaign(academic_problem(), {"scaling": [0.5]}, processes=1, results=path)
+    assert path.read_text() == text
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet"])
+def test_a_parameter_of_any_size_is_written(tmp_path, suffix):
+    if suffix == "parquet":
+        pytest.importorskip("pyarrow")
+    runs = [{"horizon": 2**70}, {"horizon": 5}, {"Q": [1, 2]}, {"Q": np.eye(2)}, {"name": 'a,"b\n'}, {"scaling": float("nan")}]
+    for _ in range(2):
+        found = mpct.campaign(academic_problem(), runs, processes=1, results=tmp_path / f"r.{suffix}")
+        assert [row["error"] for row in found.rows] == ["argument", None, None, None, None, "out_of_range"]
+
+
+def test_files_are_written_where_links_and_devices_point(tmp_path):
+    path, link = tmp_path / "r.csv", tmp_path / "link.csv"
+    link.symlink_to(path)
+    mpct.campaign(academic_problem(), {"scaling": [0.5]}, processes=1, results=link)
+    assert link.is_symlink() and path.is_file()
+    mpct.ProblemFile(academic_problem()).write(os.devnull)
+    assert not Path(os.devnull).is_file()
+    with pytest.raises(IsADirectoryError):
+        mpct.ProblemFile(academic_problem()).write(tmp_path)
 
 
 def test_no_runs():

@@ -41,6 +41,7 @@ def test_the_rest_needs_numpy_alone():
     code = """
 assert run.report(controller.design) and controller.qp([0, 0], [1, 0])
 assert len(mpct.campaign(problem, {"scaling": [0.5]}, processes=1)) == 1
+assert mpct.plots.trajectories.__doc__
 assert mpct.DomainOfAttraction(controller).projection().area > 0
 """
     assert run(every, code) == (0, "")

@@ -100,3 +100,41 @@ def test_set_points_with_inputs():
     assert need.needed == pytest.approx(0.95) and mpct.scaling_need(problem, [0.1]).needed == pytest.approx(0.1)
     advice = mpct.scaling_advice(problem, [[0.1], [0.1]], [None, [1.9, -1.9]])
     assert [n.needed for n in advice.set_points] == pytest.approx([0.1, 0.95])
+
+
+def test_a_run_put_together_by_hand(design):
+    """That of another plant than the model: what is wrong with it is named."""
+    controller, x, steps = design.controller(), np.zeros(2), []
+    A, B = design.problem.plant.A, design.problem.plant.B
+    for _ in range(20):
+        step = controller.step(x, [2, 0.5])
+        steps.append((x, step))
+        x = A @ x + B @ step.u + 0.01 * np.sin(x)
+    known = {
+        "x": [x.tolist() for x, _ in steps],
+        "setpoint": np.tile([2, 0.5], (20, 1)),
+        "status": [s.status for _, s in steps],
+        "admissible": [s.admissible for _, s in steps],
+        "iterations": [s.iterations for _, s in steps],
+        "solve_seconds": [s.seconds for _, s in steps],
+        "final_state": x,
+        "cumulative_cost": 0.0,
+        "worst_violation": 0.0,
+        **{n: [getattr(s, n) for _, s in steps] for n in ("u", "artificial_state", "artificial_input", "cost", "offset_cost")},
+    }
+    run = mpct.Run(**known)
+    assert run._disturbed(design.problem.plant)
+    assert "<svg" in run.report(design) and mpct.performance(run, design.problem).steps == 20
+    assert run.to_dataframe().shape == (20, 16) and len(run.plot().axes) == 4
+    for name, value, message in [
+        ("admissible", np.ones(20), "admissible: expected an array of booleans"),
+        ("iterations", -np.ones(20, int), "iterations: expected an array of whole numbers"),
+        ("status", "optimal", "status: expected a list of texts"),
+        ("status", ["fine"] * 20, "status: expected 'optimal' or 'candidate'"),
+        ("u", np.zeros((19, 2)), "u: expected 20 steps, as in x, found 19"),
+        ("x", np.zeros(20), "x: expected a matrix"),
+        ("x", np.zeros((20, 3)), "run: expected one with 2 states"),
+        ("artificial_state", np.zeros((20, 1)), "artificial_state"),
+    ]:
+        with pytest.raises(mpct.Error, match=message):
+            mpct.Run(**{**known, name: value}).report(design)

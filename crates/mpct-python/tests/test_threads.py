@@ -196,3 +196,35 @@ except KeyboardInterrupt:
     assert out == "interrupted\n"
     assert time.monotonic() - started < 10
     assert process.returncode == 0
+
+
+@pytest.mark.skipif(not hasattr(__import__("os"), "fork"), reason="no fork")
+def test_work_in_a_forked_process():
+    code = """
+import multiprocessing, sys, warnings
+import mpct
+warnings.simplefilter("ignore")
+
+def work(count):
+    # A process forked from the forked one works, too.
+    if count > 4:
+        with multiprocessing.get_context("fork").Pool(1) as pool:
+            return pool.map(work, [count - 3])[0]
+    file = mpct.example("carts", count)
+    design = file.problem.design()
+    run = file.simulation.run(design.controller())
+    return design.terminal_horizon, len(design.terminal_set()[1]) > 0, mpct.verify(design.certificate()).terminal_horizon
+
+class NotDaemons(multiprocessing.get_context("fork").Process):
+    daemon = property(lambda self: False, lambda self, value: None)
+
+if __name__ == "__main__":
+    expected = [work(3), work(4)]
+    context = multiprocessing.get_context("fork")
+    context = type("Context", (type(context),), {"Process": NotDaemons})()
+    with context.Pool(2) as pool:
+        assert pool.map(work, [3, 4, 6, 7]) == expected * 2
+    print("done")
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.stdout == "done\n", done.stderr

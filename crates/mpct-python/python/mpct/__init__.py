@@ -15,6 +15,7 @@ True
 (50, 2)
 """
 
+from . import plots as plots
 from ._campaign import Campaign, campaign
 from ._errors import (
     ArgumentError,

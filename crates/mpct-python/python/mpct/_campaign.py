@@ -135,9 +135,16 @@ def _whole(value: Any, what: str) -> int:
     return int(value)
 
 
+def _run_seed(value: Any, index: int) -> int:
+    what = f"runs[{index}]['seed']"
+    # Problem files hold signed 64-bit integers.
+    if _whole(value, what) >= 2**63:
+        raise argument(what, "a whole number below 2**63", repr(value))
+    return int(value)
+
+
 def _seed(seed: int, index: int) -> int:
     """The seed of a run, whichever worker does it."""
-    # Problem files hold signed 64-bit integers.
     return int(np.random.SeedSequence([seed, index]).generate_state(1, np.uint64)[0] >> np.uint64(1))
 
 
@@ -221,7 +228,7 @@ def campaign(
     names = list(dict.fromkeys(name for run in expanded for name in run))
     _check_names(names, simulation is not None)
     seed = _whole(seed, "seed")
-    seeds = [_whole(run["seed"], f"runs[{i}]['seed']") if "seed" in run else _seed(seed, i) for i, run in enumerate(expanded)]
+    seeds = [_run_seed(run["seed"], i) if "seed" in run else _seed(seed, i) for i, run in enumerate(expanded)]
     _check_pickles(expanded)
     tasks = [Task(i, run, s) for i, (run, s) in enumerate(zip(expanded, seeds, strict=True))]
     work = Work(problem.to_toml(), simulation, options)

@@ -86,6 +86,8 @@ def write(path: Path, rows: Sequence[Row], parameters: Sequence[str]) -> None:
             found = {type(v) for v in values if v is not None}
             if found <= {int, float} and float in found:
                 found = {float}
+            if found == {int} and any(not -(2**63) <= v < 2**63 for v in values if v is not None):
+                found = set()  # beyond the integers of Parquet
             if len(found) == 1 and (one := found.pop()) in kinds:
                 kind = kinds[one]
             else:  # values of several kinds in one column
@@ -115,7 +117,10 @@ def read(path: Path) -> dict[str, Row]:
             limit = csv.field_size_limit(1 << 30)
             try:
                 with path.open(encoding="utf-8", newline="") as file:
-                    rows: list[dict[str, Any]] = [{k: v or None for k, v in row.items() if k} for row in csv.DictReader(file)]
+                    reader = csv.DictReader(file)
+                    rows: list[dict[str, Any]] = [{k: v or None for k, v in row.items() if k} for row in reader]
+                    if missing := {"run", "key", *OUTCOME} - set(reader.fieldnames or ()):
+                        raise ValueError(f"its first line has no {sorted(missing)[0]!r}")
             finally:
                 csv.field_size_limit(limit)
         else:

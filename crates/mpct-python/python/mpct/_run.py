@@ -82,7 +82,7 @@ class Run:
     def __repr__(self) -> str:
         return (
             f"Run(steps={len(self)}, cumulative_cost={self.cumulative_cost:.6e}, "
-            f"worst_violation={self.worst_violation:.3e}, seconds={float(self.solve_seconds.sum()):.3f})"
+            f"worst_violation={self.worst_violation:.3e}, seconds={float(np.sum(self.solve_seconds)):.3f})"
         )
 
     def to_dataframe(self) -> pandas.DataFrame:
@@ -99,7 +99,7 @@ class Run:
             raise ImportError("Run.to_dataframe needs pandas: pip install pandas") from error
         columns: dict[str, Any] = {}
         for name in ("x", "u", "artificial_state", "artificial_input", "setpoint"):
-            for i, values in enumerate(getattr(self, name).T):
+            for i, values in enumerate(np.asarray(getattr(self, name)).T):
                 columns[f"{name}[{i}]"] = values
         for name in ("cost", "offset_cost", "admissible", "status", "iterations", "solve_seconds"):
             columns[name] = getattr(self, name)
@@ -123,8 +123,9 @@ class Run:
 
 
     def _disturbed(self, plant: Plant) -> bool:
-        if self.x.shape[1] != plant.states or self.u.shape[1] != plant.inputs:
-            return False
+        shapes = [np.shape(values) for values in (self.x, self.u, self.final_state)]
+        if shapes != [(len(self), plant.states), (len(self), plant.inputs), (plant.states,)]:
+            return False  # the report says what does not fit
         x, u = (values - at for values, at in zip((self.x, self.u), plant.operating_point, strict=True))
         after = np.vstack([x[1:], self.final_state - plant.operating_point[0]])
         # A run without disturbance follows the model but for the rounding of one product.

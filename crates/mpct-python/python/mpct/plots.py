@@ -81,8 +81,11 @@ def trajectories(
     matplotlib.figure.Figure
     """
     plant = run.problem.plant if run.problem is not None else None
-    states = _chosen("states", states, run.x.shape[1], "x", plant.state_names if plant is not None else [])
-    inputs = _chosen("inputs", inputs, run.u.shape[1], "u", plant.input_names if plant is not None else [])
+    x, u, artificial_x, artificial_u, points = (
+        np.asarray(values) for values in (run.x, run.u, run.artificial_state, run.artificial_input, run.setpoint)
+    )
+    states = _chosen("states", states, x.shape[1], "x", plant.state_names if plant is not None else [])
+    inputs = _chosen("inputs", inputs, u.shape[1], "u", plant.input_names if plant is not None else [])
     rows = len(states) + len(inputs)
     if rows == 0 or len(run) == 0:
         raise argument("states, inputs", "a signal to draw, over at least one step", "none")
@@ -107,11 +110,11 @@ def trajectories(
     for ax, i in zip(axes, states):
         limits = [side[i] for side in run.problem.state] if run.problem is not None else []
         label = _label(plant.state_names, plant.state_units, "x", i) if plant is not None else f"$x_{{{i + 1}}}$"
-        draw(ax, run.x[:, i], run.artificial_state[:, i], run.setpoint[:, i], limits, label, False)
+        draw(ax, x[:, i], artificial_x[:, i], points[:, i], limits, label, False)
     for ax, i in zip(axes[len(states) :], inputs):
         limits = [side[i] for side in run.problem.input] if run.problem is not None else []
         label = _label(plant.input_names, plant.input_units, "u", i) if plant is not None else f"$u_{{{i + 1}}}$"
-        draw(ax, run.u[:, i], run.artificial_input[:, i], None, limits, label, True)
+        draw(ax, u[:, i], artificial_u[:, i], None, limits, label, True)
     axes[0].legend(loc="best", fontsize="small")
     axes[-1].set_xlabel("time [s]" if dt else "step")
     return figure
