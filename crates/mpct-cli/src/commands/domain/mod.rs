@@ -4,12 +4,12 @@ mod sets;
 mod tell;
 
 use crate::arguments::{Domain, Set};
-use crate::commands::{design_with_progress, headline, read};
+use crate::commands::{design_with_progress, first_set_point, headline, read};
 use crate::failure::{Class, Failure};
 use crate::output::{OutputFile, print, print_json};
 use crate::report::{Format, Signal, problem_signals};
 use mpct::analysis::{DomainOfAttraction, LARGEST_DIMENSION, StabilityRegion};
-use mpct::{Controller, DesignError, Formulation, Problem, ProblemFile, SetPoint, Task};
+use mpct::{Controller, DesignError, Formulation, Problem, SetPoint, Task};
 use serde_json::{Value, json};
 use sets::{Asked, Questions, Told, View, answer};
 use tell::{as_json, as_text, draw};
@@ -31,7 +31,10 @@ pub fn run(arguments: &Domain) -> Result<(), Failure> {
         }
         None => None,
     };
-    let set_point = set_point(arguments, &file);
+    let set_point = match &arguments.set_point {
+        Some(stated) => SetPoint::state(stated.0.clone()),
+        None => first_set_point(&file),
+    };
     let sets = if arguments.set.is_empty() {
         vec![match file.problem.formulation() {
             Formulation::Implicit => Set::Implicit,
@@ -182,19 +185,6 @@ fn coordinates(option: &str, text: &str, signals: &[Signal]) -> Result<(usize, u
             )
             .help(format!("the states are {}", known.join(", "))))
         }
-    }
-}
-
-fn set_point(arguments: &Domain, file: &ProblemFile) -> SetPoint {
-    let first = file
-        .simulation
-        .as_ref()
-        .and_then(|s| s.set_points.first())
-        .map(|s| s.set_point.clone());
-    match (&arguments.set_point, first) {
-        (Some(stated), _) => SetPoint::state(stated.0.clone()),
-        (None, Some(first)) => first,
-        (None, None) => SetPoint::state(file.problem.plant().operating_point().state.clone()),
     }
 }
 

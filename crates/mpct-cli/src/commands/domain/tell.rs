@@ -151,7 +151,8 @@ pub fn draw(
     let mut plane = Plane::new(&title(i), &title(j), &room);
     let (lower, upper) = problem.constraints().state_limits();
     plane.forbidden_beyond((lower[i], upper[i]), (lower[j], upper[j]));
-    for (t, stroke) in told.iter().zip(STROKES.into_iter().cycle()) {
+    let alone = usize::from(told.len() == 1);
+    for (t, stroke) in told.iter().zip(STROKES.into_iter().cycle().skip(alone)) {
         if let Some(p) = &t.outline {
             let name = t.set.replace('_', " ");
             plane.polygon(&name, &p.vertices, stroke);
