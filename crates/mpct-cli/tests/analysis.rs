@@ -353,6 +353,37 @@ fn without_terminal_constraint_a_run_says_whether_the_region_was_met() {
 }
 
 #[test]
+fn a_design_without_terminal_constraint_tells_its_levels() {
+    let folder = tempfile::tempdir().expect("folder");
+    let design = |extension: usize| {
+        academic(
+            folder.path(),
+            "a.toml",
+            "formulation = \"implicit\"",
+            &format!(
+                "formulation = \"no_terminal_constraint\"\nhorizon_extension = {extension}\ngamma = 20.0\nalpha = 25.0"
+            ),
+        );
+        let json = mpct(folder.path(), &["design", "a.toml", "--json"]);
+        (json, mpct(folder.path(), &["design", "a.toml"]))
+    };
+    let (told, said) = design(2);
+    let alpha = &json(&told)["levels"]["alpha"];
+    // The independent value for every equilibrium at a scaling of 0.9.
+    assert!((alpha[0]["largest_alpha"].as_f64().expect("alpha") - 1.845).abs() < 1e-3);
+    assert!((alpha[0]["d"].as_f64().expect("d") - 2.2253 * 1.8448 / 25.0).abs() < 1e-4);
+    assert!(text(&said).contains("25 is too large"), "{said:?}");
+    for out in <[Output; 2]>::from(design(5)) {
+        assert_eq!(out.status.code(), Some(2), "{out:?}");
+        let message = String::from_utf8_lossy(&out.stderr).into_owned();
+        assert!(
+            message.contains("terminal horizon, 5") && message.contains("implicit"),
+            "{message}"
+        );
+    }
+}
+
+#[test]
 fn pictures_are_png_when_asked_for() {
     let folder = tempfile::tempdir().expect("folder");
     academic(folder.path(), "a.toml", "scaling = 0.9", "scaling = 0.9");

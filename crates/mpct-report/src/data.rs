@@ -1,5 +1,7 @@
 //! What a report is made of: plain data, so that it can be drawn and tested without a solver.
 
+use mpct::analysis::SETTLED;
+
 /// A state or an input: its name, its unit when known, its bounds (±∞ for none).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Signal {
@@ -134,14 +136,15 @@ pub struct Segment {
     pub offset_cost: f64,
     /// Largest |x − x_s^a| at the last step, over the states.
     pub distance: f64,
-    /// Steps until the state stays within 2 % of the way from its artificial set-point; `None` when it does not.
+    /// Steps until the state stays within 2 % of its largest distance from the last artificial set-point; `None` when it
+    /// does not.
     pub settled_after: Option<usize>,
     /// Largest rise of the cost from one step to the next, relative to the cost at the beginning.
     pub largest_rise: f64,
 }
 
-/// A state is settled when it stays within this part of the way it had to go.
-const SETTLED: f64 = 0.02;
+/// Distances below this count as none, as in [`mpct::analysis::Performance`], whose settling times these are.
+const AT_REST: f64 = 1e-9;
 
 impl ReportData {
     /// Seconds a step takes, or 1 when time is counted in steps.
@@ -191,9 +194,10 @@ impl ReportData {
     fn segment(&self, from: usize, to: usize) -> Segment {
         let steps = &self.steps[from..to];
         let last = &steps[steps.len() - 1];
-        let away = |s: &StepRecord| largest_distance(&s.x, &last.artificial_state);
-        let way = away(&steps[0]);
-        let unsettled = steps.iter().rposition(|s| !(away(s) <= SETTLED * way));
+        let away = |s: &StepRecord| distance(&s.x, &last.artificial_state);
+        let way = steps.iter().map(away).fold(0.0, f64::max);
+        let near = (SETTLED * way).max(AT_REST);
+        let unsettled = steps.iter().rposition(|s| !(away(s) <= near));
         let settled = unsettled.map_or(0, |k| k + 1);
         let rise = steps
             .windows(2)
@@ -225,6 +229,15 @@ impl ReportData {
         times.sort_by(f64::total_cmp);
         times
     }
+}
+
+/// ‖a − b‖; NaN when there is no entry.
+fn distance(a: &[f64], b: &[f64]) -> f64 {
+    if a.is_empty() || b.is_empty() {
+        return f64::NAN;
+    }
+    let squares: f64 = a.iter().zip(b).map(|(p, q)| (p - q).powi(2)).sum();
+    squares.sqrt()
 }
 
 /// Largest |a − b| over the entries; NaN when there is none.

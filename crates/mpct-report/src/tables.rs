@@ -131,7 +131,7 @@ fn set_points(data: &ReportData) -> String {
     }
     out.push_str("</tbody></table></div>\n");
     out.push_str(
-        "<p class=\"soft\">Settled: every state stays within 2 % of the largest distance it had to go, measured from the artificial set-point at the end. A set-point that is not admissible is replaced by the admissible equilibrium of least offset cost.</p>\n",
+        "<p class=\"soft\">Settled: the state stays within 2 % of its largest distance, over these steps, from the artificial set-point at the end. A set-point that is not admissible is replaced by the admissible equilibrium of least offset cost.</p>\n",
     );
     out
 }

@@ -307,6 +307,11 @@ fn a_real_run_has_a_page() {
     let run = mpct::simulate(&mut controller, &file.simulation.unwrap(), None).unwrap();
     let data = ReportData::new(controller.ingredients(), &run).with_proofs(&controller, &run);
     assert!(data.design.equation_3_residual.unwrap() < 1e-9);
+    // The settling times of the library.
+    let performance = mpct::analysis::Performance::of(&run, &file.problem).unwrap();
+    let told: Vec<_> = data.segments().iter().map(|s| s.settled_after).collect();
+    let measured: Vec<_> = performance.settling.iter().map(|s| s.steps).collect();
+    assert_eq!(told, measured);
     let proof = data.design.certificate.clone().unwrap().unwrap();
     // The margin of `mpct verify`; one step less is too few.
     assert!(

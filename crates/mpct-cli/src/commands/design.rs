@@ -1,11 +1,12 @@
 //! `mpct design`: the terminal ingredients.
 
 use crate::arguments::Design;
-use crate::commands::{design_with_progress, duration, headline, read, rows};
+use crate::commands::{design_with_progress, duration, first_set_point, headline, read, rows};
 use crate::failure::Failure;
 use crate::output::{OutputFile, print, print_json};
-use mpct::TerminalIngredients;
+use mpct::analysis::{AlphaBounds, AlphaScope};
 use mpct::certificate::Certificate;
+use mpct::{Formulation, TerminalIngredients};
 use serde_json::json;
 use std::fmt::Write;
 
@@ -17,6 +18,14 @@ pub fn run(arguments: &Design) -> Result<(), Failure> {
     };
     let ingredients = design_with_progress(&file.problem, &arguments.limits)
         .map_err(|f| f.in_file(&arguments.file))?;
+    // Section 3.5: too long an extension is refused here, and not only when a controller is made.
+    let levels = match file.problem.formulation() {
+        Formulation::NoTerminalConstraint => Some(
+            AlphaBounds::of(&ingredients, &first_set_point(&file))
+                .map_err(|e| Failure::from(e).in_file(&arguments.file))?,
+        ),
+        _ => None,
+    };
     if let Some(file) = certificate {
         file.write(Certificate::of(&ingredients)?.to_json().as_bytes())?;
     }
@@ -29,9 +38,66 @@ pub fn run(arguments: &Design) -> Result<(), Failure> {
         None
     };
     if arguments.json {
-        return print_json(&as_json(&ingredients, terminal_rows));
+        let mut value = as_json(&ingredients, terminal_rows);
+        if let (Some(levels), Some(object)) = (&levels, value.as_object_mut()) {
+            object.insert("levels".into(), levels_as_json(levels));
+        }
+        return print_json(&value);
     }
-    print(&as_text(&ingredients, terminal_rows))
+    let mut text = as_text(&ingredients, terminal_rows);
+    if let Some(levels) = &levels {
+        text += &levels_as_text(levels, &ingredients);
+    }
+    print(&text)
+}
+
+const SCOPES: [AlphaScope; 3] = [
+    AlphaScope::EveryEquilibrium,
+    AlphaScope::ThroughoutRegion,
+    AlphaScope::AroundSetPoint,
+];
+
+/// The largest levels alpha of section 3.5, and d for each.
+fn levels_as_json(levels: &AlphaBounds) -> serde_json::Value {
+    let each: Vec<_> = SCOPES
+        .iter()
+        .map(|&scope| {
+            let alpha = levels.largest(scope);
+            json!({
+                "scope": scope,
+                "largest_alpha": alpha,
+                "limiting": levels.limiting(scope).to_string(),
+                "d": alpha * levels.stage_cost_ratio,
+            })
+        })
+        .collect();
+    json!({ "set_point": levels.closest.state, "stage_cost_ratio": levels.stage_cost_ratio, "alpha": each })
+}
+
+fn levels_as_text(levels: &AlphaBounds, ingredients: &TerminalIngredients) -> String {
+    let mut text = format!(
+        "  section 3.5, set-point {}: d = {:.6} alpha\n",
+        crate::commands::vector(&levels.closest.state),
+        levels.stage_cost_ratio
+    );
+    let stated = ingredients
+        .problem()
+        .no_terminal_constraint()
+        .and_then(|c| c.alpha());
+    for scope in SCOPES {
+        let largest = levels.largest(scope);
+        let verdict = match stated {
+            Some(alpha) if alpha > largest => format!("; {alpha} is too large"),
+            Some(alpha) => format!("; {alpha} is admissible"),
+            None => String::new(),
+        };
+        let _ = writeln!(
+            text,
+            "    alpha <= {largest:.6} for {scope} ({}){verdict}",
+            levels.limiting(scope)
+        );
+    }
+    text
 }
 
 fn as_json(ingredients: &TerminalIngredients, terminal_rows: Option<usize>) -> serde_json::Value {

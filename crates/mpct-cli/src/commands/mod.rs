@@ -15,7 +15,9 @@ use crate::arguments::Limits;
 use crate::failure::Failure;
 use crate::interrupt::Search;
 use crate::output::Waiting;
-use mpct::{DesignOptions, Problem, ProblemFile, Progress, SparseMatrix, TerminalIngredients};
+use mpct::{
+    DesignOptions, Problem, ProblemFile, Progress, SetPoint, SparseMatrix, TerminalIngredients,
+};
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::time::Duration;
@@ -60,6 +62,17 @@ pub fn with_progress<T>(limits: &Limits, work: impl FnOnce(&DesignOptions<'_>) -
         time_limit: limits.time_limit.map(Duration::from_secs_f64),
         progress: Some(&progress),
     })
+}
+
+/// The first set-point of a file, or its operating point.
+pub fn first_set_point(file: &ProblemFile) -> SetPoint {
+    let stated = file
+        .simulation
+        .as_ref()
+        .and_then(|s| s.set_points.first())
+        .map(|s| s.set_point.clone());
+    let home = || SetPoint::state(file.problem.plant().operating_point().state.clone());
+    stated.unwrap_or_else(home)
 }
 
 /// A matrix as a list of rows, for JSON.
