@@ -41,6 +41,8 @@ pub(super) struct Query {
     pub(super) skip: Option<(Key, bool)>,
     /// The answer that is more likely, and that a program is laid out for first.
     pub(super) expected: Expected,
+    /// An upper bound of the support that ends a program.
+    pub(super) low_enough: f64,
 }
 
 /// What a program on some of the variables is laid out for.
@@ -231,7 +233,7 @@ impl<'a> Scene<'a> {
         });
         // A bound that rests on a box that proves nothing is none: go on until the multipliers have left it.
         let below = if valid.iter().all(|&v| v) {
-            1.0
+            query.low_enough
         } else {
             f64::NEG_INFINITY
         };
@@ -301,8 +303,8 @@ impl<'a> Scene<'a> {
             .skip
             .and_then(|(key, side)| Some((ws.keys.iter().position(|&k| k == key)?, side)));
         let thresholds = match expected {
-            Expected::Spent => [1.0 - outside, f64::INFINITY],
-            Expected::NotSpent => [1.0, ENOUGH],
+            Expected::Spent => [query.low_enough - outside, f64::INFINITY],
+            Expected::NotSpent => [query.low_enough, ENOUGH],
         };
         let ending = ws
             .simplex
