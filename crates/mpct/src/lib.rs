@@ -13,6 +13,7 @@ pub mod certificate;
 mod clock;
 mod control;
 mod error;
+mod kernels;
 mod linalg;
 mod lqr;
 mod matrix;

@@ -58,6 +58,10 @@ pub struct Progress {
     pub rows_done: usize,
     /// Rows in all; 0 when only the count of done rows is new.
     pub rows_total: usize,
+    /// The row last asked about.
+    pub row: Option<RowSource>,
+    /// The step at which it was asked; 0 before the first.
+    pub step: usize,
     /// A lower bound of the terminal horizon.
     pub terminal_horizon_at_least: usize,
 }
@@ -168,7 +172,7 @@ impl TerminalIngredients {
     /// [`DesignError::HorizonNotDetermined`], [`DesignError::Interrupted`], [`DesignError::Solver`].
     pub fn design(problem: &Problem, options: &DesignOptions<'_>) -> Result<Self, DesignError> {
         let clock = Clock::start(options.time_limit);
-        let law = lqr::terminal_law(problem, &clock)?;
+        let law = terminal_law(problem, &clock)?;
         let steady_states = SteadyStates::of(problem)?;
         let mut system = Augmented::new(problem, &law.gain, &law.closed_loop, &steady_states);
         Self::search(problem, law, steady_states, &mut system, options, &clock)
@@ -184,7 +188,7 @@ impl TerminalIngredients {
         scalings: &[f64],
         options: &DesignOptions<'_>,
     ) -> Result<Vec<Result<Self, DesignError>>, DesignError> {
-        let law = lqr::terminal_law(problem, &Clock::start(options.time_limit))?;
+        let law = terminal_law(problem, &Clock::start(options.time_limit))?;
         let steady_states = SteadyStates::of(problem)?;
         let mut system = Augmented::new(problem, &law.gain, &law.closed_loop, &steady_states);
         // The largest λ first: its box is the widest, and what it drops from a row is negligible for the others too.
@@ -351,6 +355,17 @@ impl TerminalIngredients {
             &self.steady_states,
         )
     }
+}
+
+/// K and P. When that is interrupted every row is still open.
+fn terminal_law(problem: &Problem, clock: &Clock) -> Result<Law, DesignError> {
+    lqr::terminal_law(problem, clock).map_err(|e| match e {
+        DesignError::Interrupted { at_least, .. } => DesignError::Interrupted {
+            at_least,
+            rows_left: problem.rows().len(),
+        },
+        other => other,
+    })
 }
 
 /// Which box a computation needs.

@@ -109,6 +109,11 @@ impl<'a> Support<'a> {
         }
     }
 
+    /// The system.
+    pub(super) fn system(&self) -> &Augmented {
+        self.scene.system
+    }
+
     /// The rows.
     pub(super) fn bank(&self) -> &Bank {
         self.scene.bank
