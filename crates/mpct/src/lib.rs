@@ -37,7 +37,9 @@ pub use simulation::{
     Disturbance, Run, RunStep, ScheduledSetPoint, Simulation, SimulationError, Summary, simulate,
 };
 pub use steady_state::SteadyStates;
-pub use terminal::{Condition, DesignOptions, MaximalAdmissibleSet, Progress, TerminalIngredients};
+pub use terminal::{
+    Condition, DesignOptions, MaximalAdmissibleSet, Phases, Progress, TerminalIngredients,
+};
 
 /// The examples of the README are tested with the documentation.
 #[cfg(doctest)]

@@ -135,7 +135,21 @@ pub struct TerminalIngredients {
     /// First spent step of each constraint row, in the order of `problem.rows()`.
     spent: Vec<usize>,
     linear_programs: usize,
+    phases: Phases,
     elapsed: Duration,
+}
+
+/// Where the time of a design goes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Phases {
+    /// K and P (3). Zero but for the first of several designs that share them.
+    pub law: Duration,
+    /// M_θ (6) and the rows of step 0. Zero as above.
+    pub steady_states: Duration,
+    /// The rows of all steps along the terminal law, and their layout.
+    pub rows: Duration,
+    /// Linear programs (20)(29).
+    pub programs: Duration,
 }
 
 /// What a check of Assumption 1 finds.
@@ -173,9 +187,14 @@ impl TerminalIngredients {
     pub fn design(problem: &Problem, options: &DesignOptions<'_>) -> Result<Self, DesignError> {
         let clock = Clock::start(options.time_limit);
         let law = terminal_law(problem, &clock)?;
+        let of_law = clock.elapsed();
         let steady_states = SteadyStates::of(problem)?;
         let mut system = Augmented::new(problem, &law.gain, &law.closed_loop, &steady_states);
-        Self::search(problem, law, steady_states, &mut system, options, &clock)
+        let of_steady_states = clock.elapsed() - of_law;
+        let mut design = Self::search(problem, law, steady_states, &mut system, options, &clock)?;
+        design.phases.law = of_law;
+        design.phases.steady_states = of_steady_states;
+        Ok(design)
     }
 
     /// The same for several scalings λ, in their order. K, P, M_θ and the rows along the terminal law are computed
@@ -226,8 +245,15 @@ impl TerminalIngredients {
                 found: "0".into(),
             });
         }
+        let before = clock.elapsed();
         let mut bank = within_a_box(system, Room::AsIs, clock)?;
+        let of_box = clock.elapsed() - before;
         let found = horizon::search(problem, system, &mut bank, options, clock)?;
+        let phases = Phases {
+            rows: of_box + found.rows,
+            programs: (clock.elapsed() - before).saturating_sub(of_box + found.rows),
+            ..Phases::default()
+        };
         let mut spent = vec![1; problem.rows().len()];
         for (pair, at) in system.pairs.iter().zip(&found.spent) {
             spent[pair.upper] = at[0];
@@ -244,6 +270,7 @@ impl TerminalIngredients {
             terminal_horizon: found.horizon,
             spent,
             linear_programs: found.programs,
+            phases,
             elapsed: clock.elapsed(),
         })
     }
@@ -310,6 +337,11 @@ impl TerminalIngredients {
     /// Linear programs solved for the horizon.
     pub fn linear_programs(&self) -> usize {
         self.linear_programs
+    }
+
+    /// Where that time went.
+    pub fn phases(&self) -> Phases {
+        self.phases
     }
 
     /// How long the design took.

@@ -31,6 +31,8 @@ pub(super) struct Found {
     /// First spent step of each side of each pair (upper, lower); 0 where the problem has no such side.
     pub(super) spent: Vec<[usize; 2]>,
     pub(super) programs: usize,
+    /// Time for the rows along the law.
+    pub(super) rows: Duration,
 }
 
 /// Whether every pair has equal bounds: O = −O, and both sides of a pair have the same support.
@@ -124,14 +126,16 @@ impl Search<'_> {
         let mut open: Vec<Open> = self.sides(system).into_iter().map(start).collect();
         self.total.store(open.len(), Ordering::Relaxed);
         let mut spent = vec![[0_usize; 2]; system.pairs.len()];
-        let mut programs = 0;
+        let (mut programs, mut rows) = (0, Duration::ZERO);
         let mut hints = Hints::default();
         let mut step = 1;
         // The first failing condition is at horizon max_horizon, whose rows stand at one step more.
         let last = self.options.max_horizon.saturating_add(1);
         loop {
+            let before = self.clock.elapsed();
             system.extend_to(step);
             bank.extend_to(system, step);
+            rows += self.clock.elapsed() - before;
             let support = Support::new(system, bank, step - 1, self.clock);
             let mut done = Vec::new();
             let mut worth = true;
@@ -202,6 +206,7 @@ impl Search<'_> {
             horizon: latest.saturating_sub(1).max(1),
             spent,
             programs,
+            rows,
         })
     }
 

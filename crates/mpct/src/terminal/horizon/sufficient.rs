@@ -7,6 +7,7 @@ use crate::terminal::bank::Bank;
 use crate::terminal::program::{Expected, Workspace};
 use crate::terminal::support::{Side, Support, Verdict};
 use std::sync::atomic::Ordering;
+use std::time::Duration;
 
 impl Search<'_> {
     pub(super) fn sufficient(
@@ -17,12 +18,14 @@ impl Search<'_> {
         let sides = self.sides(system);
         self.total.store(sides.len(), Ordering::Relaxed);
         let mut ws = Workspace::default();
-        let mut programs = 0;
+        let (mut programs, mut rows) = (0, Duration::ZERO);
         let mut first = 0;
         for horizon in 1..=self.options.max_horizon {
             let step = horizon + 1;
+            let before = self.clock.elapsed();
             system.extend_to(step);
             bank.extend_to(system, step);
+            rows += self.clock.elapsed() - before;
             let support = Support::new(system, bank, 0, self.clock);
             let mut refused = None;
             let ask = |ws: &mut Workspace, side: Side| match support.is_spent(
@@ -64,6 +67,7 @@ impl Search<'_> {
                         horizon,
                         spent: vec![both; system.pairs.len()],
                         programs,
+                        rows,
                     });
                 }
                 Some((side, support)) if horizon == self.options.max_horizon => {
