@@ -9,6 +9,7 @@ section 4.3), which are of another machine and of MATLAB. The problems are ours 
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import os
 import re
@@ -20,6 +21,8 @@ import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 from paper_search import RESULTS, ROOT, machine
 
@@ -35,6 +38,8 @@ PAPER_EXPLICIT = {
 PAPER_DRONE = {"implicit": 16.9558, "explicit": 137.1241}
 CARTS = (10, 25, 50, 100, 200, 500, 1000)
 HUGE = 10_000
+# States and inputs of plants without structure.
+DENSE = ((20, 5), (40, 10), (60, 10), (100, 20))
 EXPLICIT_UP_TO = 200
 
 
@@ -186,6 +191,60 @@ def designs(a: argparse.Namespace, folder: Path, carts: list[int]) -> tuple[list
     return lines, known
 
 
+def dense_case(folder: Path, states: int, inputs: int) -> Path:
+    """A random plant without any structure: spectral radius 0.98, every variable within 1."""
+    rng = np.random.default_rng(1)
+    A = rng.standard_normal((states, states))
+    A *= 0.98 / np.abs(np.linalg.eigvals(A)).max()
+    B = rng.standard_normal((states, inputs))
+    ones = lambda count, sign: str([sign * 1.0] * count)
+    file = folder / f"dense-{states}.toml"
+    file.write_text(
+        f'name = "dense {states} x {inputs}"\n[plant]\nA = {A.tolist()}\nB = {B.tolist()}\n'
+        f"[constraints]\nstate_lower = {ones(states, -1)}\nstate_upper = {ones(states, 1)}\n"
+        f"input_lower = {ones(inputs, -1)}\ninput_upper = {ones(inputs, 1)}\n"
+        "[weights]\nQ = 1.0\nR = 1.0\nO = 1000.0\n[controller]\nprediction_horizon = 5\nscaling = 0.9\n"
+    )
+    return file
+
+
+def phases(a: argparse.Namespace, folder: Path, carts: list[int]) -> list[str]:
+    """Where the time goes, as `mpct design --json` tells it: medians."""
+    lines = [
+        "## Phases",
+        "",
+        "Milliseconds of `mpct design --json`, medians. Law: K and P. Steady states: M_θ and the rows of step 0. Rows: those of all "
+        "steps. Programs: linear programs, on all cores. Rest: starting the process, reading the file, writing the answer.",
+        "",
+        "| problem | states, inputs | M̃ | linear programs | law | steady states | rows | programs | a program, µs of CPU | rest | wall ms | CPU ms |",
+        "|" + "---|" * 12,
+    ]
+    cases = [("drone", write_case(a.mpct, folder, "drone"))]
+    cases += [(f"{n} carts", write_case(a.mpct, folder, "carts", n)) for n in (100, 1000) if n <= max(carts, default=0)]
+    cases += [(f"dense, {n} states", dense_case(folder, n, m)) for n, m in DENSE]
+    for name, file in cases:
+        runs = []
+        for _ in range(a.repeat):
+            r = once([a.mpct, "design", "--json", file], a.limit)
+            if r.failed:
+                raise SystemExit(f"{name}: {r.failed}")
+            runs.append((r, json.loads(r.text)))
+        middle = lambda f: statistics.median(f(r, d) for r, d in runs)
+        law, steady, rows, programs = (1e3 * middle(lambda r, d: d["phases"][k]) for k in ("law", "steady_states", "rows", "programs"))
+        wall, cpu = 1e3 * middle(lambda r, d: r.wall), 1e3 * middle(lambda r, d: r.cpu)
+        d = runs[0][1]
+        count = d["linear_programs"]
+        each = 1e3 * programs * min(os.cpu_count() or 1, cpu / wall) / max(count, 1)
+        parts = [law, steady, rows, programs]
+        numbers = " | ".join(f"{v:.3g}" for v in parts)
+        lines.append(
+            f"| {name} | {d['n']}, {d['m']} | {d['terminal_horizon']} | {count} | {numbers} | {each:.3g} | {max(wall - sum(parts), 0.0):.3g} | "
+            f"{wall:.4g} | {cpu:.4g} |"
+        )
+        print(lines[-1], flush=True)
+    return lines
+
+
 def explicit_sets(a: argparse.Namespace, folder: Path, carts: list[int]) -> tuple[list[str], dict[int, Measured]]:
     lines = [
         "## Explicit terminal set",
@@ -289,6 +348,7 @@ def main() -> None:
         design, implicit = designs(a, folder, carts)
         explicit, sets = explicit_sets(a, folder, carts)
         certificate = certificates(a, folder, carts)
+        where = phases(a, folder, carts)
     lines = [
         "# Whole designs by size",
         "",
@@ -301,6 +361,8 @@ def main() -> None:
         *explicit,
         "",
         *certificate,
+        "",
+        *where,
     ]
     (RESULTS / "design_sizes.md").write_text("\n".join(lines) + "\n")
     plot(implicit, sets)

@@ -164,7 +164,7 @@ def machine() -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--mpct", type=Path, default=ROOT / "target/release/mpct")
-    parser.add_argument("--carts", default="3,5,10,15,25", help="numbers of carts, comma separated")
+    parser.add_argument("--carts", default="3,5,10,15,25,30,50", help="numbers of carts, comma separated")
     parser.add_argument("--cap", type=float, default=600.0, help="seconds a size may take the paper's search")
     parser.add_argument("--repeat", type=int, default=3, help="runs a size, of which the median counts")
     parser.add_argument("--stop-early", action="store_true", help="leave a horizon at its first row that refuses it")

@@ -13,6 +13,7 @@ pub mod certificate;
 mod clock;
 mod control;
 mod error;
+mod kernels;
 mod linalg;
 mod lqr;
 mod matrix;
@@ -38,7 +39,9 @@ pub use simulation::{
     Disturbance, Run, RunStep, ScheduledSetPoint, Simulation, SimulationError, Summary, simulate,
 };
 pub use steady_state::SteadyStates;
-pub use terminal::{Condition, DesignOptions, MaximalAdmissibleSet, Progress, TerminalIngredients};
+pub use terminal::{
+    Condition, DesignOptions, MaximalAdmissibleSet, Phases, Progress, TerminalIngredients,
+};
 
 /// The examples of the README are tested with the documentation.
 #[cfg(doctest)]

@@ -126,11 +126,23 @@ fn as_json(ingredients: &TerminalIngredients, terminal_rows: Option<usize>) -> s
             .collect::<Vec<_>>(),
         "linear_programs": ingredients.linear_programs(),
         "seconds": ingredients.elapsed().as_secs_f64(),
+        "phases": phases(ingredients),
     });
     if let (Some(n), Some(object)) = (terminal_rows, value.as_object_mut()) {
         object.insert("terminal_rows".into(), n.into());
     }
     value
+}
+
+/// Seconds of each part of the design.
+fn phases(ingredients: &TerminalIngredients) -> serde_json::Value {
+    let phases = ingredients.phases();
+    json!({
+        "law": phases.law.as_secs_f64(),
+        "steady_states": phases.steady_states.as_secs_f64(),
+        "rows": phases.rows.as_secs_f64(),
+        "programs": phases.programs.as_secs_f64(),
+    })
 }
 
 fn as_text(ingredients: &TerminalIngredients, terminal_rows: Option<usize>) -> String {

@@ -40,15 +40,15 @@ pub fn design_with_progress(
 /// Runs a search with a progress bar.
 pub fn with_progress<T>(limits: &Limits, work: impl FnOnce(&DesignOptions<'_>) -> T) -> T {
     let _search = Search::begin();
-    let waiting = Waiting::new("terminal horizon", None);
+    let waiting = Waiting::new("terminal horizon, rows", Some(0));
     let progress = |p: &Progress| {
         if p.rows_total > 0 {
             waiting.total(p.rows_total as u64);
         }
-        let message = format!(
-            "{} rows settled, the horizon is at least {}",
-            p.rows_done, p.terminal_horizon_at_least
-        );
+        let row = p
+            .row
+            .map_or(String::new(), |r| format!("{r} at step {}, ", p.step));
+        let message = format!("{row}horizon at least {}", p.terminal_horizon_at_least);
         waiting.at(p.rows_done as u64, message);
         if Search::is_asked_to_end() {
             ControlFlow::Break(())

@@ -22,6 +22,9 @@ pub fn run(arguments: &Verify) -> Result<(), Failure> {
     if arguments.json {
         return print_json(&json!({
             "name": verified.problem,
+            "digest": verified.digest,
+            "digest_fits": verified.digest_fits,
+            "scaling": verified.scaling,
             "terminal_horizon": verified.terminal_horizon,
             "smallest_margin": verified.smallest_margin,
             "tightest_row": verified.tightest_row,
@@ -30,6 +33,7 @@ pub fn run(arguments: &Verify) -> Result<(), Failure> {
             "lyapunov_residual": verified.lyapunov_residual,
             "steady_state_residual": verified.steady_state_residual,
             "witness": verified.witness,
+            "statement": verified.to_string(),
         }));
     }
     print(&format!("{verified}\n"))

@@ -122,12 +122,13 @@ pub(super) fn build(ingredients: &TerminalIngredients) -> Result<(Claim, Proof),
     let boxes = proofs
         .boxes
         .iter()
-        .map(|b| {
-            Ok(BoxProof {
-                half_width: b.half_width,
+        .map(|b| match b {
+            Some(b) => Ok(BoxProof {
+                half_width: Some(b.half_width),
                 upper: multipliers(&b.sides[0])?,
                 lower: multipliers(&b.sides[1])?,
-            })
+            }),
+            None => Ok(BoxProof::default()),
         })
         .collect::<Result<_, DesignError>>()?;
     let mut spent = Vec::with_capacity(sources.len());
@@ -175,6 +176,7 @@ pub(super) fn build(ingredients: &TerminalIngredients) -> Result<(Claim, Proof),
         constraints: places.constraints,
     };
     let proof = Proof {
+        box_steps: proofs.box_steps,
         boxes,
         spent,
         witness,

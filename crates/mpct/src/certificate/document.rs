@@ -77,11 +77,12 @@ pub(super) struct Claim {
 /// by its room at the operating point.
 pub(super) type Multiplier = (usize, bool, Option<usize>, f64);
 
-/// A coordinate of z = (e, θ), e = x − x_op − M_θx θ, lies within ± half_width.
-#[derive(Clone, Debug, Serialize, Deserialize)]
+/// A coordinate of z = (e, θ), e = x − x_op − M_θx θ, lies within ± half_width at every point of the set of
+/// `box_steps` steps. Without a half width it is not bounded.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct BoxProof {
-    pub(super) half_width: f64,
+    pub(super) half_width: Option<f64>,
     pub(super) upper: Vec<Multiplier>,
     pub(super) lower: Vec<Multiplier>,
 }
@@ -109,6 +110,8 @@ pub(super) struct Witness {
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Proof {
+    /// How many steps of the terminal law it takes to bound every coordinate: 0 unless constraints are one-sided.
+    pub(super) box_steps: usize,
     pub(super) boxes: Vec<BoxProof>,
     pub(super) spent: Vec<SpentProof>,
     /// Missing when M̃ = 1, the smallest there is.

@@ -1,7 +1,8 @@
 //! Intervals with outward rounding: every operation returns an interval that holds the exact result.
 //!
 //! An operation on doubles is rounded to the nearest double, so its exact result lies strictly between the neighbours
-//! of what was computed.
+//! of what was computed. Sums of two numbers that are exact stay so, as do products with 0 and 1: that equilibria
+//! of an integrator rest exactly, and that its rows do not change along the law, must survive.
 
 /// A closed interval [lo, hi].
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -19,10 +20,34 @@ impl Interval {
     }
 
     pub(super) fn add(self, other: Self) -> Self {
+        if self.is_number() && other.is_number() {
+            let (a, b) = (self.lo, other.lo);
+            let sum = a + b;
+            // Knuth: the rounding error of a sum of two doubles, exactly.
+            let part = sum - a;
+            if (a - (sum - part)) + (b - part) == 0.0 {
+                return Self::exact(sum);
+            }
+        }
         Self {
             lo: (self.lo + other.lo).next_down(),
             hi: (self.hi + other.hi).next_up(),
         }
+    }
+
+    /// v ± error.
+    pub(super) fn around(v: f64, error: f64) -> Self {
+        if error == 0.0 {
+            return Self::exact(v);
+        }
+        Self {
+            lo: (v - error).next_down(),
+            hi: (v + error).next_up(),
+        }
+    }
+
+    fn is_number(self) -> bool {
+        self.lo == self.hi
     }
 
     pub(super) fn neg(self) -> Self {
@@ -38,6 +63,12 @@ impl Interval {
 
     /// The product with a number.
     pub(super) fn times(self, v: f64) -> Self {
+        if v == 1.0 {
+            return self;
+        }
+        if v == 0.0 {
+            return Self::ZERO;
+        }
         let (a, b) = (self.lo * v, self.hi * v);
         Self {
             lo: a.min(b).next_down(),
@@ -126,6 +157,16 @@ impl Accumulator {
     }
 }
 
+/// a · b; fast when one is a number.
+pub(super) fn scaled(a: Interval, b: Interval) -> Interval {
+    match (a.is_number(), b.is_number()) {
+        (_, true) if a.is_number() && a.lo == 1.0 => b,
+        (_, true) => a.times(b.lo),
+        (true, false) => b.times(a.lo),
+        (false, false) => b.mul(a),
+    }
+}
+
 /// The product of two sparse matrices of intervals; `width` is the number of columns of the second.
 pub(super) fn product(a: &IntervalRows, b: &IntervalRows, width: usize) -> IntervalRows {
     let mut sum = Accumulator::new(width);
@@ -133,14 +174,7 @@ pub(super) fn product(a: &IntervalRows, b: &IntervalRows, width: usize) -> Inter
         .map(|row| {
             for &(k, v) in row {
                 for &(j, w) in &b[k] {
-                    sum.add(
-                        j,
-                        if v.lo == v.hi {
-                            w.times(v.lo)
-                        } else {
-                            v.mul(w)
-                        },
-                    );
+                    sum.add(j, scaled(w, v));
                 }
             }
             sum.take()
@@ -193,5 +227,20 @@ mod tests {
         let square = Interval { lo: -1.0, hi: 2.0 }.mul(Interval { lo: -3.0, hi: 1.0 });
         assert!(square.lo <= -6.0 && square.hi >= 3.0 && square.hi < 3.0 + 1e-14);
         assert!(Interval::exact(-2.0).times(3.0).hi >= -6.0);
+    }
+
+    #[test]
+    fn exact_sums_stay_exact() {
+        let sum = |a: f64, b: f64| Interval::exact(a).add(Interval::exact(b));
+        assert_eq!(sum(0.1, -0.1), Interval::ZERO);
+        assert_eq!(sum(1.5, 0.25), Interval::exact(1.75));
+        let inexact = sum(1.0, 1e-17);
+        assert!(inexact.lo < 1.0 && 1.0 < inexact.hi);
+        let inexact = sum(0.1, 0.2);
+        assert!(inexact.lo < inexact.hi);
+        assert_eq!(
+            scaled(Interval::exact(1.0), Interval::exact(0.1)),
+            Interval::exact(0.1)
+        );
     }
 }

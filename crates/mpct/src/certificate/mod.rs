@@ -25,15 +25,21 @@
 
 mod build;
 mod document;
+#[cfg(test)]
+mod field_walk_tests;
+mod implied;
 mod interval;
 mod lyapunov;
 mod rows;
+mod statement;
 #[cfg(test)]
 mod tests;
 mod verify;
 mod widths;
+mod witness;
 
-pub use verify::{Verified, VerifyError, VerifyOptions, verify};
+pub use statement::Verified;
+pub use verify::{VerifyError, VerifyOptions, verify};
 
 use crate::error::DesignError;
 use crate::terminal::TerminalIngredients;
@@ -51,8 +57,8 @@ impl Certificate {
     /// Proves a design: one linear program a row.
     ///
     /// # Errors
-    /// [`DesignError::Solver`] when a proof cannot be written down: a coordinate that the constraints of the first step
-    /// alone do not bound.
+    /// [`DesignError::Solver`] when a proof cannot be written down: a coordinate that the constraints do not bound, however
+    /// many steps of the terminal law are counted. What rounding leaves over has then no bound either.
     pub fn of(ingredients: &TerminalIngredients) -> Result<Self, DesignError> {
         let (claim, proof) = build::build(ingredients)?;
         Ok(Self {

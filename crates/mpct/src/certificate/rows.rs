@@ -7,9 +7,15 @@
 //! and as e(0), …, e(s − 1) lie in the box for every point of O_{s−1}, the last two sums are at most
 //!   δ_s = Σ_t ‖d_t‖_β + Σ_{k<s} ‖g_k ρ‖_β,   ‖v‖_β = Σ_l |v_l| β_l.
 //! The bound adds up and does not grow along the law, and it covers rounding, ρ, and entries dropped on purpose.
+//!
+//! One-sided constraints may bound a coordinate only after b steps: the box then holds O_b, and only
+//! e(0), …, e(s − 1 − b) lie in it for every point of O_{s−1}. Up to step b the rows are therefore computed as intervals
+//! g_0 Âˢ, whose widths act on e(0) alone; the recurrence above starts from step b.
 
 use super::document::{Claim, Sparse};
-use super::interval::{Accumulator, Interval, IntervalRows, add_up, combined, mul_up, product};
+use super::interval::{
+    Accumulator, Interval, IntervalRows, add_up, combined, mul_up, product, scaled,
+};
 use super::verify::VerifyError;
 
 /// Entries of g with |g_l| β_l below this share of the room are dropped, into δ.
@@ -29,17 +35,43 @@ pub(super) struct System {
 
 /// One constraint at step 0.
 pub(super) struct ConstraintRow {
-    /// g_0 and w, in columns of z; the doubles used.
-    e: Vec<(usize, f64)>,
+    /// g_0, which holds the exact coefficients.
+    e: Vec<(usize, Interval)>,
+    /// w, in columns of z; the doubles used.
     pub(super) w: Vec<(usize, f64)>,
-    /// How far the exact coefficients may be from these.
-    e_error: Vec<(usize, f64)>,
+    /// How far the exact coefficients of w may be from these.
     w_error: Vec<(usize, f64)>,
     /// Room above and below at the operating point.
     room: [Option<Interval>; 2],
 }
 
 impl ConstraintRow {
+    /// w as the checker uses it: the doubles where the box bounds what they may be off by, all of it where θ is unbounded.
+    pub(super) fn equilibrium<'a>(
+        &'a self,
+        beta: &'a [f64],
+    ) -> impl Iterator<Item = (usize, Interval)> + 'a {
+        self.w.iter().map(|&(j, v)| {
+            let error = if beta[j].is_finite() {
+                0.0
+            } else {
+                self.w_error_at(j)
+            };
+            (j, Interval::around(v, error))
+        })
+    }
+
+    /// How far w may be off in a coordinate.
+    pub(super) fn w_error_at(&self, j: usize) -> f64 {
+        self.w_error.iter().find(|e| e.0 == j).map_or(0.0, |e| e.1)
+    }
+
+    /// ‖w error‖_β over the coordinates that have a box.
+    fn w_slack(&self, beta: &[f64]) -> f64 {
+        let boxed = self.w_error.iter().filter(|e| beta[e.0].is_finite());
+        boxed.fold(0.0, |s, &(j, v)| add_up(s, mul_up(v, beta[j])))
+    }
+
     /// The room of a side.
     pub(super) fn room(&self, upper: bool) -> Option<Interval> {
         self.room[usize::from(!upper)]
@@ -116,6 +148,7 @@ impl System {
             .map(|row| {
                 row.into_iter()
                     .map(|(j, v)| (n + j, v.magnitude()))
+                    .filter(|e| e.1 != 0.0)
                     .collect()
             })
             .collect();
@@ -171,12 +204,10 @@ impl System {
                     )))
                 }
             };
-            let (e, e_error) = split(&e[0], 0);
             let (w, w_error) = split(&w[0], n);
             rows.push(ConstraintRow {
-                e,
+                e: e.into_iter().flatten().collect(),
                 w,
-                e_error,
                 w_error,
                 room: [room(constraint.upper, 1.0)?, room(constraint.lower, -1.0)?],
             });
@@ -207,58 +238,96 @@ impl System {
 
     /// δ of the row of θ ∈ λΘ of a constraint.
     pub(super) fn static_slack(&self, i: usize, beta: &[f64]) -> f64 {
-        weighted(&self.rows[i].w_error, beta)
+        self.rows[i].w_slack(beta)
     }
 
-    /// Constraint i at steps 0, …, `last`.
-    pub(super) fn along(&self, i: usize, last: usize, beta: &[f64]) -> Vec<StepRow> {
+    /// Constraint i at steps 0, …, `last`, where the box `beta` holds the set of `box_steps` steps. The δ of a step is
+    /// valid for every point of that set up to step `box_steps`, and beyond it for every point of the set of all steps
+    /// before.
+    pub(super) fn along(
+        &self,
+        i: usize,
+        last: usize,
+        beta: &[f64],
+        box_steps: usize,
+    ) -> Vec<StepRow> {
         let row = &self.rows[i];
         let room = row
             .room
             .iter()
             .flatten()
             .fold(f64::INFINITY, |a, r| a.min(r.lo));
-        let of_w = weighted(&row.w_error, beta);
-        let mut steps = vec![StepRow {
-            e: row.e.clone(),
-            slack: add_up(of_w, weighted(&row.e_error, beta)),
-        }];
+        let of_w = row.w_slack(beta);
         let mut sum = Accumulator::new(self.states);
-        for s in 1..=last {
-            let before = &steps[s - 1];
-            let mut slack = before.slack;
-            if s == 1 {
-                // d_0 acts on e(s), which need not lie in the box yet: d_0 Â acts on e(s − 1).
-                slack = of_w;
-                for &(k, v) in &row.e_error {
-                    for &(j, f) in &self.closed_loop[k] {
-                        slack = add_up(slack, mul_up(mul_up(v, f.magnitude()), beta[j]));
-                    }
-                    slack = add_up(slack, mul_up(v, weighted(&self.drift[k], beta)));
-                }
+        let mut steps: Vec<StepRow> = Vec::with_capacity(last + 1);
+        // Steps 0, …, b: intervals. What ρ adds is kept apart from the widths.
+        let mut exact = row.e.clone();
+        let mut of_drift = 0.0;
+        let mut widths = Entries::new();
+        for s in 0..=last.min(box_steps) {
+            if s > 0 {
+                of_drift = self.drifted(of_drift, &exact, beta);
+                exact = self.stepped(&exact, &mut sum);
             }
-            for &(k, v) in &before.e {
-                for &(j, f) in &self.closed_loop[k] {
-                    sum.add(j, f.times(v));
-                }
-                slack = add_up(slack, mul_up(v.abs(), weighted(&self.drift[k], beta)));
+            let (e, error) = split(&exact, 0);
+            let slack = add_up(add_up(of_w, of_drift), weighted(&error, beta));
+            steps.push(StepRow { e, slack });
+            widths = error;
+        }
+        if last <= box_steps {
+            return steps;
+        }
+        // Step b + 1: the widths of step b act on e(s − b), which need not lie in the box yet. Â takes them back to
+        // e(s − b − 1), which does.
+        let mut slack = add_up(of_w, self.drifted(of_drift, &exact, beta));
+        for &(k, v) in &widths {
+            for &(j, f) in &self.closed_loop[k] {
+                slack = add_up(slack, mul_up(mul_up(v, f.magnitude()), beta[j]));
             }
-            let mut e = Vec::with_capacity(before.e.len());
-            for (j, v) in sum.take() {
-                let kept = if v.magnitude() * beta[j] > DROP * room {
+        }
+        for s in box_steps + 1..=last {
+            let e: Vec<(usize, Interval)> = steps[s - 1]
+                .e
+                .iter()
+                .map(|&(j, v)| (j, Interval::exact(v)))
+                .collect();
+            if s > box_steps + 1 {
+                slack = self.drifted(slack, &e, beta);
+            }
+            let mut kept = Vec::with_capacity(e.len());
+            for (j, v) in self.stepped(&e, &mut sum) {
+                let keep = if v.magnitude() * beta[j] > DROP * room {
                     v.middle()
                 } else {
                     0.0
                 };
-                let error = v.sub(Interval::exact(kept)).magnitude();
+                let error = v.sub(Interval::exact(keep)).magnitude();
                 slack = add_up(slack, mul_up(error, beta[j]));
-                if kept != 0.0 {
-                    e.push((j, kept));
+                if keep != 0.0 {
+                    kept.push((j, keep));
                 }
             }
-            steps.push(StepRow { e, slack });
+            steps.push(StepRow { e: kept, slack });
         }
         steps
+    }
+
+    /// g Â.
+    fn stepped(&self, g: &[(usize, Interval)], sum: &mut Accumulator) -> Vec<(usize, Interval)> {
+        for &(k, v) in g {
+            for &(j, f) in &self.closed_loop[k] {
+                sum.add(j, scaled(f, v));
+            }
+        }
+        sum.take()
+    }
+
+    /// `slack` + ‖g ρ‖_β.
+    fn drifted(&self, slack: f64, g: &[(usize, Interval)], beta: &[f64]) -> f64 {
+        g.iter().fold(slack, |sum, &(k, v)| {
+            let drift = weighted(&self.drift[k], beta);
+            add_up(sum, mul_up(v.magnitude(), drift))
+        })
     }
 }
 

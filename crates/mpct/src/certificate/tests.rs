@@ -7,7 +7,7 @@ use crate::{
 };
 use serde_json::{Value, json};
 
-const BLIND: VerifyOptions = VerifyOptions {
+pub(super) const BLIND: VerifyOptions = VerifyOptions {
     ignore_digest: true,
 };
 
@@ -26,7 +26,7 @@ fn academic() -> Problem {
 }
 
 /// Unequal bounds, a mixed row, an operating point, weights with off-diagonal entries.
-fn skew() -> Problem {
+pub(super) fn skew() -> Problem {
     let plant = Plant::discrete(
         Matrix::from_rows(&[[0.9, 0.4], [-0.2, 0.8]]),
         Matrix::from_rows(&[[0.1], [0.7]]),
@@ -49,7 +49,7 @@ fn skew() -> Problem {
     Problem::new(plant, constraints, Weights::new(q, 0.5, 1e3)).unwrap()
 }
 
-fn certificate(problem: &Problem) -> (TerminalIngredients, String) {
+pub(super) fn certificate(problem: &Problem) -> (TerminalIngredients, String) {
     let ingredients = TerminalIngredients::design(problem, &DesignOptions::default()).unwrap();
     let text = Certificate::of(&ingredients).unwrap().to_json();
     (ingredients, text)

@@ -1,12 +1,13 @@
 //! The checker. It shares nothing with the search but the file.
 
 use super::document::{Document, FORMAT, Multiplier};
+use super::implied::{Known, implied};
 use super::interval::{Accumulator, Interval, add_up, mul_up};
 use super::rows::{StepRow, System};
+use super::statement::{TOLERANCE, Verified};
 use super::widths::{WidthRow, Widths};
 use super::{digest, lyapunov};
 use rayon::prelude::*;
-use std::fmt;
 use thiserror::Error;
 
 /// How a certificate is read.
@@ -37,87 +38,6 @@ impl VerifyError {
     }
 }
 
-/// A row of a support may exceed its bound by this, relatively, to count as spent "to a tolerance": the tolerance of
-/// the search, and the rounding of the check.
-const TOLERANCE: f64 = 2e-9;
-/// What was proved.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Verified {
-    /// Name of the problem.
-    pub problem: String,
-    /// The terminal horizon M̃ (M for regulation).
-    pub terminal_horizon: usize,
-    /// Smallest of 1 − (proved support)/(bound) over all rows. Negative when a row is implied to a tolerance only.
-    pub smallest_margin: f64,
-    /// The row with that margin.
-    pub tightest_row: String,
-    /// Rows proved rigorously, and rows proved to a tolerance of 2e-9 of their bound.
-    pub rows_rigorous: usize,
-    /// See `rows_rigorous`.
-    pub rows_to_tolerance: usize,
-    /// Bound of the residual of (3), relative to the stage cost.
-    pub lyapunov_residual: f64,
-    /// Bound of the residual of the steady states, in units of the box; part of every proof.
-    pub steady_state_residual: f64,
-    /// By how much the witness breaks its bound after M̃ steps; `None` when the file has no witness, because M̃ = 1 or
-    /// the condition is the sufficient one.
-    pub witness: Option<f64>,
-    states: usize,
-    inputs: usize,
-}
-
-impl fmt::Display for Verified {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let name = if self.problem.is_empty() {
-            "without a name"
-        } else {
-            &self.problem
-        };
-        writeln!(
-            f,
-            "Verified: problem {name}, {} states, {} inputs, terminal horizon {}.",
-            self.states, self.inputs, self.terminal_horizon
-        )?;
-        writeln!(
-            f,
-            "For exactly the matrices written in this file, and in exact arithmetic, every state and artificial set-point \
-             that satisfies the constraints along steps 0 to {} of the terminal control law stays admissible for ever.",
-            self.terminal_horizon
-        )?;
-        writeln!(f, "Proved with bounds on every rounding error:")?;
-        writeln!(
-            f,
-            "  - A + B K is Schur: P > 0, and x'Px falls in every step by at least 1 - {:.1e} of the stage cost;",
-            self.lyapunov_residual
-        )?;
-        writeln!(
-            f,
-            "  - {} constraint rows are implied by the rows of the steps before them; smallest margin {:.3e} ({}).",
-            self.rows_rigorous, self.smallest_margin, self.tightest_row
-        )?;
-        if let Some(beyond) = self.witness {
-            writeln!(
-                f,
-                "  - One step less is too few: a point that satisfies it breaks a constraint by {beyond:.3e} of its bound."
-            )?;
-        }
-        writeln!(f, "To a tolerance only:")?;
-        if self.rows_to_tolerance > 0 {
-            writeln!(
-                f,
-                "  - {} rows, up to {TOLERANCE:.0e} of their bound;",
-                self.rows_to_tolerance
-            )?;
-        }
-        write!(
-            f,
-            "  - (3) as an equation holds up to {:.1e} of the stage cost; the steady states up to {:.1e} of the box \
-             (this residual is accounted for in the proofs above).",
-            self.lyapunov_residual, self.steady_state_residual
-        )
-    }
-}
-
 /// Checks a certificate.
 ///
 /// # Errors
@@ -131,7 +51,9 @@ pub fn verify(text: &str, options: VerifyOptions) -> Result<Verified, VerifyErro
             document.format
         )));
     }
-    if !options.ignore_digest && digest(&document.claim, &document.proof) != document.digest {
+    let digest = digest(&document.claim, &document.proof);
+    let digest_fits = digest == document.digest;
+    if !(digest_fits || options.ignore_digest) {
         return Err(VerifyError::Digest);
     }
     let claim = &document.claim;
@@ -152,6 +74,9 @@ pub fn verify(text: &str, options: VerifyOptions) -> Result<Verified, VerifyErro
     let witness = checker.witness(&document)?;
     Ok(Verified {
         problem: claim.problem.clone(),
+        digest,
+        digest_fits,
+        scaling: claim.scaling,
         terminal_horizon: claim.terminal_horizon,
         smallest_margin,
         tightest_row: claim.constraints[tightest].name.clone(),
@@ -162,70 +87,86 @@ pub fn verify(text: &str, options: VerifyOptions) -> Result<Verified, VerifyErro
         witness,
         states: checker.system.states,
         inputs: claim.b.columns,
+        parameters: checker.system.parameters,
     })
 }
 
-struct Checker {
-    system: System,
-    /// Half widths of a box that is proved to hold O_0.
-    beta: Vec<f64>,
+pub(super) struct Checker {
+    pub(super) system: System,
+    /// Half widths of a box that is proved to hold the set of `box_steps` steps.
+    pub(super) beta: Vec<f64>,
     /// Each constraint at steps 0, …, M̃ + 1.
-    along: Vec<Vec<StepRow>>,
-}
-
-/// A bound on a linear form: at most `value` plus `slack` plus what the box allows of `rest`.
-struct Implied {
-    value: f64,
-    slack: f64,
-    rest: Vec<(usize, Interval)>,
-}
-
-impl Implied {
-    fn bound(&self, beta: &[f64]) -> f64 {
-        let of_rest =
-            |s: f64, &(j, v): &(usize, Interval)| add_up(s, mul_up(v.magnitude(), beta[j]));
-        self.rest
-            .iter()
-            .fold(add_up(self.value, self.slack), of_rest)
-    }
+    pub(super) along: Vec<Vec<StepRow>>,
 }
 
 impl Checker {
     fn new(document: &Document, system: System) -> Result<Self, VerifyError> {
         let d = system.dimension();
         let boxes = &document.proof.boxes;
-        let mut beta: Vec<f64> = boxes.iter().map(|b| b.half_width).collect();
-        if beta.len() != d || beta.iter().any(|b| !(*b > 0.0 && b.is_finite())) {
+        let widths = boxes.iter().map(|b| b.half_width);
+        let fine = widths.clone().flatten().all(|b| b > 0.0 && b.is_finite());
+        let mut beta: Vec<f64> = widths.map(|b| b.unwrap_or(f64::INFINITY)).collect();
+        if beta.len() != d || !fine {
             return Err(VerifyError::refused(format!(
                 "the box needs {d} positive half widths"
             )));
         }
+        let box_steps = document.proof.box_steps;
+        let last = document.claim.terminal_horizon.saturating_add(1);
+        let steps = document.proof.spent.iter().map(|s| s.step);
+        let (first, named) = steps.fold((usize::MAX, 0), |a, s| (a.0.min(s), a.1.max(s)));
+        if !(named <= last) {
+            return Err(VerifyError::refused(
+                "a row is spent only after the terminal horizon",
+            ));
+        }
+        // A horizon that the proofs do not reach must not cost time.
+        if document.claim.condition == "exact" && named < last && last > 2 {
+            return Err(VerifyError::refused(
+                "no row needs the terminal horizon that is claimed",
+            ));
+        }
+        // What is left over is bounded in the box, which holds the set of `box_steps` steps and none before.
+        if !(first > box_steps && first <= named) {
+            return Err(VerifyError::refused(format!(
+                "rows are spent from step {first} on, and their box is proved by steps 0 to {box_steps}"
+            )));
+        }
         let count = system.rows.len();
-        let at_zero: Vec<Vec<StepRow>> = (0..count).map(|i| system.along(i, 0, &beta)).collect();
+        let along = |last: usize, beta: &[f64]| -> Vec<Vec<StepRow>> {
+            let rows = (0..count).into_par_iter();
+            rows.map(|i| system.along(i, last, beta, box_steps))
+                .collect()
+        };
+        let early = along(box_steps, &beta);
+        let known = Known {
+            system: &system,
+            along: &early,
+            beta: &beta,
+            last: box_steps,
+        };
         let mut widths = Widths::default();
         let mut sum = Accumulator::new(d);
         for (l, proof) in boxes.iter().enumerate() {
-            let mut row = WidthRow::default();
-            for (sign, multipliers) in [(1.0, &proof.upper), (-1.0, &proof.lower)] {
+            if beta[l].is_infinite() {
+                widths.rows.push(Default::default());
+                continue;
+            }
+            let mut direction = |sign: f64, multipliers: &[Multiplier]| {
                 // sign/β_l is rounded, which the slack takes.
                 let form = [(l, Interval::exact(sign / beta[l]))];
                 let room = Interval::exact(1.0);
-                let implied = implied(
-                    &system,
-                    &at_zero,
-                    &beta,
-                    &mut sum,
-                    &form,
-                    room,
-                    multipliers,
-                    0,
-                )?;
+                let implied = implied(&known, &mut sum, &form, room, multipliers)?;
                 let weighed = |&(j, v): &(usize, Interval)| (j, mul_up(v.magnitude(), beta[j]));
-                let left_over = implied.rest.iter().map(weighed).collect();
-                let slack = add_up(implied.slack, 2.0 * f64::EPSILON);
-                row.join(implied.value, slack, left_over);
-            }
-            widths.rows.push(row);
+                Ok(WidthRow {
+                    value: implied.value,
+                    slack: add_up(implied.slack, 2.0 * f64::EPSILON),
+                    left_over: implied.rest.iter().map(weighed).collect(),
+                })
+            };
+            let up = direction(1.0, &proof.upper)?;
+            let down = direction(-1.0, &proof.lower)?;
+            widths.rows.push([up, down]);
         }
         let widening = widths.solve().ok_or_else(|| {
             VerifyError::refused("the coordinates are not proved to lie in the box")
@@ -233,32 +174,7 @@ impl Checker {
         for (b, w) in beta.iter_mut().zip(widening) {
             *b = mul_up(*b, w);
         }
-        let last = document.claim.terminal_horizon + 1;
-        // A horizon that the proofs do not reach must not cost time.
-        let named = document
-            .proof
-            .spent
-            .iter()
-            .map(|s| s.step)
-            .max()
-            .unwrap_or(0);
-        if named > last {
-            return Err(VerifyError::refused(
-                "a row is spent only after the terminal horizon",
-            ));
-        }
-        if document.claim.condition == "exact"
-            && named < last
-            && document.claim.terminal_horizon > 1
-        {
-            return Err(VerifyError::refused(
-                "no row needs the terminal horizon that is claimed",
-            ));
-        }
-        let along = (0..count)
-            .into_par_iter()
-            .map(|i| system.along(i, last.min(named.max(1)), &beta))
-            .collect();
+        let along = along(named, &beta);
         Ok(Self {
             system,
             beta,
@@ -304,27 +220,22 @@ impl Checker {
                     let row = &self.system.rows[p.constraint];
                     let room = row.room(p.upper).ok_or_else(|| VerifyError::refused("no such side"))?;
                     let name = &document.claim.constraints[p.constraint].name;
-                    if p.step == 0 || p.step > document.claim.terminal_horizon + 1 {
+                    if p.step == 0 || p.step > document.claim.terminal_horizon.saturating_add(1) {
                         return Err(VerifyError::refused(format!("{name} is spent at step {}", p.step)));
                     }
                     let at = &self.along[p.constraint][p.step];
-                    let sign = if p.upper { 1.0 } else { -1.0 };
-                    let form: Vec<(usize, Interval)> = at
-                        .e
-                        .iter()
-                        .chain(&row.w)
-                        .map(|&(j, v)| (j, Interval::exact(sign * v)))
+                    let e = at.e.iter().map(|&(j, v)| (j, Interval::exact(v)));
+                    let form: Vec<(usize, Interval)> = e
+                        .chain(row.equilibrium(&self.beta))
+                        .map(|(j, v)| (j, if p.upper { v } else { v.neg() }))
                         .collect();
-                    let implied = implied(
-                        &self.system,
-                        &self.along,
-                        &self.beta,
-                        sum,
-                        &form,
-                        room,
-                        &p.multipliers,
-                        p.step - 1,
-                    )?;
+                    let known = Known {
+                        system: &self.system,
+                        along: &self.along,
+                        beta: &self.beta,
+                        last: p.step - 1,
+                    };
+                    let implied = implied(&known, sum, &form, room, &p.multipliers)?;
                     let bound = add_up(implied.bound(&self.beta), at.slack);
                     let support = (bound / room.lo).next_up();
                     if support <= 1.0 + TOLERANCE {
@@ -349,141 +260,4 @@ impl Checker {
         }
         Ok((proofs.len(), tolerated, 1.0 - worst, tightest))
     }
-
-    /// The witness lies in the set of M̃ − 1 steps and breaks a constraint at step M̃; by how much.
-    fn witness(&self, document: &Document) -> Result<Option<f64>, VerifyError> {
-        let horizon = document.claim.terminal_horizon;
-        let needed = horizon > 1 && document.claim.condition == "exact";
-        let Some(witness) = &document.proof.witness else {
-            return if needed {
-                Err(VerifyError::refused(
-                    "nothing shows that one step less is too few",
-                ))
-            } else {
-                Ok(None)
-            };
-        };
-        if !needed {
-            return Err(VerifyError::refused("a witness where none belongs"));
-        }
-        let d = self.system.dimension();
-        let mut z = vec![0.0; d];
-        for &(j, v) in &witness.point {
-            if j >= d || !v.is_finite() {
-                return Err(VerifyError::refused("the witness is no point of the space"));
-            }
-            z[j] = v;
-        }
-        let value = |entries: &[(usize, f64)]| {
-            entries.iter().fold(Interval::ZERO, |s, &(j, v)| {
-                if z[j] == 0.0 {
-                    s
-                } else {
-                    s.add(Interval::exact(z[j]).times(v))
-                }
-            })
-        };
-        // In λΘ, and then step by step: the slack of a step is valid once the steps before it are.
-        for (i, row) in self.system.rows.iter().enumerate() {
-            let w = value(&row.w);
-            let slack = self.system.static_slack(i, &self.beta);
-            for (upper, at) in [(true, w.hi), (false, -w.lo)] {
-                let Some(room) = row.room(upper) else {
-                    continue;
-                };
-                let bound = (self.system.scaling * room.lo).next_down();
-                if !(add_up(at, slack) <= bound) {
-                    return Err(VerifyError::refused("the witness lies outside λΘ"));
-                }
-            }
-        }
-        for step in 0..horizon {
-            for (i, row) in self.system.rows.iter().enumerate() {
-                let at = &self.along[i][step];
-                let v = value(&at.e).add(value(&row.w));
-                for (upper, at_most) in [(true, v.hi), (false, -v.lo)] {
-                    let Some(room) = row.room(upper) else {
-                        continue;
-                    };
-                    if !(add_up(at_most, at.slack) <= room.lo) {
-                        let name = &document.claim.constraints[i].name;
-                        return Err(VerifyError::refused(format!(
-                            "the witness breaks {name} at step {step}"
-                        )));
-                    }
-                }
-            }
-        }
-        let row = self
-            .system
-            .rows
-            .get(witness.constraint)
-            .ok_or_else(|| VerifyError::refused("the witness names no row"))?;
-        let room = row
-            .room(witness.upper)
-            .ok_or_else(|| VerifyError::refused("the witness names no row"))?;
-        let at = &self.along[witness.constraint][horizon];
-        let v = value(&at.e).add(value(&row.w));
-        let least = if witness.upper { v.lo } else { -v.hi };
-        let beyond = ((least - at.slack).next_down() / room.hi).next_down() - 1.0;
-        if beyond > 0.0 {
-            Ok(Some(beyond))
-        } else {
-            Err(VerifyError::refused(
-                "the witness does not show that one step less is too few",
-            ))
-        }
-    }
-}
-
-/// Bounds a linear form by rows of steps up to `last`. `room` is the room of the form, by which multipliers are scaled.
-#[allow(clippy::too_many_arguments)]
-fn implied(
-    system: &System,
-    along: &[Vec<StepRow>],
-    beta: &[f64],
-    sum: &mut Accumulator,
-    form: &[(usize, Interval)],
-    room: Interval,
-    multipliers: &[Multiplier],
-    last: usize,
-) -> Result<Implied, VerifyError> {
-    form.iter().for_each(|&(j, v)| sum.add(j, v));
-    let (mut value, mut slack) = (0.0, 0.0);
-    for &(i, upper, step, y) in multipliers {
-        let row = system
-            .rows
-            .get(i)
-            .ok_or_else(|| VerifyError::refused("a multiplier names no row"))?;
-        let own = row.room(upper).ok_or_else(|| {
-            VerifyError::refused("a multiplier names a side that is no constraint")
-        })?;
-        if !(y >= 0.0 && y.is_finite()) || step.is_some_and(|s| s > last) {
-            return Err(VerifyError::refused(
-                "a multiplier is negative, or names a step that comes too late",
-            ));
-        }
-        // Any non-negative double will do; this one makes the sum close.
-        let factor = y * room.hi / own.hi;
-        let signed = if upper { -factor } else { factor };
-        row.w
-            .iter()
-            .for_each(|&(j, v)| sum.add(j, Interval::exact(v).times(signed)));
-        let (bound, error) = match step {
-            None => (mul_up(system.scaling, own.hi), system.static_slack(i, beta)),
-            Some(s) => {
-                let at = &along[i][s];
-                at.e.iter()
-                    .for_each(|&(j, v)| sum.add(j, Interval::exact(v).times(signed)));
-                (own.hi, at.slack)
-            }
-        };
-        value = add_up(value, mul_up(factor, bound));
-        slack = add_up(slack, mul_up(factor, error));
-    }
-    Ok(Implied {
-        value,
-        slack,
-        rest: sum.take(),
-    })
 }

@@ -7,7 +7,8 @@
 //! computed for exactly this K, and the optimality of K is checked once more on the whole plant,
 //!   R K + BᵀP (A + B K) = 0.
 
-use super::{Law, interruptible, lqr_gain, smith::smith, units, without_rounding};
+use super::smith::{correction, smith};
+use super::{Law, interruptible, lqr_gain, units, without_rounding};
 use crate::clock::Clock;
 use crate::error::DesignError;
 use crate::linalg::Dense;
@@ -54,8 +55,8 @@ pub(super) fn terminal_law(problem: &Problem, clock: &Clock) -> Result<Option<La
         .combine(1.0, &stage, 1.0)
         .combine(1.0, &found.sum, -1.0);
     let mut weight = found.sum;
-    if let Some(correction) = smith(&closed_loop, &residual, &unit, clock) {
-        weight = weight.combine(1.0, &correction.sum, 1.0);
+    if let Some(missing) = correction(&closed_loop, &residual, &weight, &unit, clock) {
+        weight = weight.combine(1.0, &missing, 1.0);
         weight = weight.combine(0.5, &weight.transpose(), 0.5);
     }
     let left = product(&closed_loop.transpose(), &product(&weight, &closed_loop))

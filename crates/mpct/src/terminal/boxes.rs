@@ -17,6 +17,15 @@ pub(super) struct Boxes {
     pub(super) proofs: Vec<Option<[Multipliers; 2]>>,
 }
 
+/// How far the rows of some steps let a coordinate go, in units of its first guess, and the rows that stop it on both
+/// sides.
+struct Reach {
+    coordinate: usize,
+    first_guess: f64,
+    reach: f64,
+    sides: [Multipliers; 2],
+}
+
 /// First guess of a box, in units of the nearest constraint: further out than any bound of a sensible problem.
 const FAR: f64 = 1e7;
 /// A coordinate that step 0 alone does not bound gets this many times its bound over more steps.
@@ -46,18 +55,87 @@ impl Boxes {
             return Ok(boxes);
         }
         check_equilibria(system)?;
-        let open: Vec<usize> = (0..d).filter(|&l| boxes.beta[l].is_infinite()).collect();
+        let open = boxes.open();
         if open.iter().any(|&l| l < system.states) {
             check_states(system)?;
         }
-        boxes.solve(system, &open, 0, clock);
-        let open: Vec<usize> = (0..d).filter(|&l| boxes.beta[l].is_infinite()).collect();
+        boxes.close(system, &open, 0, clock);
+        let open = boxes.open();
         if !open.is_empty() {
+            // One-sided constraints. Programs that end at this box only ever prove that a row is not spent.
             let last = STEPS.min(system.states);
             system.extend_to(last);
-            boxes.solve(system, &open, last, clock);
+            for found in boxes.reaches(system, &open, last, clock) {
+                let width = if found.is_bounded() {
+                    found.reach * ROOM
+                } else {
+                    FREE / FAR
+                };
+                boxes.beta[found.coordinate] = found.first_guess * width;
+                boxes.valid[found.coordinate] = false;
+            }
         }
         Ok(boxes)
+    }
+
+    /// A box that holds the set of a few steps, with its proofs, and these steps: 0, 1, 2, 4, … up to `most`, until every
+    /// coordinate is bounded. Coordinates that stay unbounded have an infinite β. What the rows of step 0 bound is read
+    /// off there.
+    pub(super) fn of_steps(system: &mut Augmented, most: usize, clock: &Clock) -> (Self, usize) {
+        let d = system.dimension();
+        let mut boxes = Self {
+            beta: vec![f64::INFINITY; d],
+            valid: vec![true; d],
+            proofs: vec![None; d],
+        };
+        boxes.read_off(system);
+        let (mut steps, mut last) = (0, 0);
+        loop {
+            let open = boxes.open();
+            boxes.close(system, &open, last, clock);
+            let left = boxes.open().len();
+            if left < open.len() {
+                steps = last;
+            }
+            if left == 0 || last >= most {
+                return (boxes, steps);
+            }
+            last = (2 * last).max(1).min(most);
+            system.extend_to(last);
+        }
+    }
+
+    /// Takes over the coordinates for which `proved` has a box.
+    pub(super) fn narrow_to(&mut self, proved: Self) {
+        for (l, proof) in proved.proofs.into_iter().enumerate() {
+            if proof.is_some() {
+                self.beta[l] = proved.beta[l];
+                self.valid[l] = true;
+                self.proofs[l] = proof;
+            }
+        }
+    }
+
+    /// Coordinates without a box.
+    fn open(&self) -> Vec<usize> {
+        (0..self.beta.len())
+            .filter(|&l| self.beta[l].is_infinite())
+            .collect()
+    }
+
+    /// Gives the coordinates that the rows of steps 0, …, `last` bound their box and its proof.
+    fn close(&mut self, system: &Augmented, open: &[usize], last: usize, clock: &Clock) {
+        for mut found in self.reaches(system, open, last, clock) {
+            if found.is_bounded() {
+                let l = found.coordinate;
+                // A little wider than computed, so that rounding does not cut the set.
+                self.beta[l] = found.reach * found.first_guess * (1.0 + 1e-6);
+                for m in found.sides.iter_mut().flatten() {
+                    m.2 *= found.first_guess / self.beta[l];
+                }
+                self.proofs[l] = Some(found.sides);
+            }
+        }
     }
 
     /// The box of the same system with any one row relaxed to twice its bound: what a row may reach when it is left out
@@ -115,8 +193,14 @@ impl Boxes {
         }
     }
 
-    /// Bounds by linear programs over the rows of steps 0, …, `last`.
-    fn solve(&mut self, system: &Augmented, open: &[usize], last: usize, clock: &Clock) {
+    /// Two linear programs a coordinate over the rows of steps 0, …, `last`.
+    fn reaches(
+        &self,
+        system: &Augmented,
+        open: &[usize],
+        last: usize,
+        clock: &Clock,
+    ) -> Vec<Reach> {
         let d = system.dimension();
         let mut rows = Vec::new();
         let mut ids = Vec::new();
@@ -177,26 +261,21 @@ impl Boxes {
                     .map(|(k, s, y)| (ids[k], s, y))
                     .collect();
             }
-            found.push((l, reach, sides));
+            found.push(Reach {
+                coordinate: l,
+                first_guess: far[l],
+                reach,
+                sides,
+            });
         }
-        let finished = last > 0;
-        for (l, reach, mut sides) in found {
-            let bounded = reach < 0.5;
-            if bounded && !finished {
-                // A little wider than computed, so that rounding does not cut the set.
-                self.beta[l] = reach * far[l] * (1.0 + 1e-6);
-                for m in sides.iter_mut().flatten() {
-                    m.2 *= far[l] / self.beta[l];
-                }
-                self.proofs[l] = Some(sides);
-            } else if finished {
-                // Unbounded even here: one-sided constraints. The programs then end at the box, which only ever
-                // proves that a row is not spent.
-                let widths = if bounded { reach * ROOM } else { FREE / FAR };
-                self.beta[l] = far[l] * widths;
-                self.valid[l] = false;
-            }
-        }
+        found
+    }
+}
+
+impl Reach {
+    /// Whether rows stop the coordinate, and not the first guess.
+    fn is_bounded(&self) -> bool {
+        self.reach < 0.5
     }
 }
 

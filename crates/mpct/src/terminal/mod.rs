@@ -59,6 +59,10 @@ pub struct Progress {
     pub rows_done: usize,
     /// Rows in all; 0 when only the count of done rows is new.
     pub rows_total: usize,
+    /// The row last asked about.
+    pub row: Option<RowSource>,
+    /// The step at which it was asked; 0 before the first.
+    pub step: usize,
     /// A lower bound of the terminal horizon.
     pub terminal_horizon_at_least: usize,
 }
@@ -132,7 +136,21 @@ pub struct TerminalIngredients {
     /// First spent step of each constraint row, in the order of `problem.rows()`.
     spent: Vec<usize>,
     linear_programs: usize,
+    phases: Phases,
     elapsed: Duration,
+}
+
+/// Where the time of a design goes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Phases {
+    /// K and P (3). Zero but for the first of several designs that share them.
+    pub law: Duration,
+    /// M_θ (6) and the rows of step 0. Zero as above.
+    pub steady_states: Duration,
+    /// The rows of all steps along the terminal law, and their layout.
+    pub rows: Duration,
+    /// Linear programs (20)(29).
+    pub programs: Duration,
 }
 
 /// What a check of Assumption 1 finds.
@@ -169,10 +187,15 @@ impl TerminalIngredients {
     /// [`DesignError::HorizonNotDetermined`], [`DesignError::Interrupted`], [`DesignError::Solver`].
     pub fn design(problem: &Problem, options: &DesignOptions<'_>) -> Result<Self, DesignError> {
         let clock = Clock::start(options.time_limit);
-        let law = lqr::terminal_law(problem, &clock)?;
+        let law = terminal_law(problem, &clock)?;
+        let of_law = clock.elapsed();
         let steady_states = SteadyStates::of(problem)?;
         let mut system = Augmented::new(problem, &law.gain, &law.closed_loop, &steady_states);
-        Self::search(problem, law, steady_states, &mut system, options, &clock)
+        let of_steady_states = clock.elapsed() - of_law;
+        let mut design = Self::search(problem, law, steady_states, &mut system, options, &clock)?;
+        design.phases.law = of_law;
+        design.phases.steady_states = of_steady_states;
+        Ok(design)
     }
 
     /// The same for several scalings λ, in their order. K, P, M_θ and the rows along the terminal law are computed
@@ -185,7 +208,7 @@ impl TerminalIngredients {
         scalings: &[f64],
         options: &DesignOptions<'_>,
     ) -> Result<Vec<Result<Self, DesignError>>, DesignError> {
-        let law = lqr::terminal_law(problem, &Clock::start(options.time_limit))?;
+        let law = terminal_law(problem, &Clock::start(options.time_limit))?;
         let steady_states = SteadyStates::of(problem)?;
         let mut system = Augmented::new(problem, &law.gain, &law.closed_loop, &steady_states);
         // The largest λ first: its box is the widest, and what it drops from a row is negligible for the others too.
@@ -223,8 +246,15 @@ impl TerminalIngredients {
                 found: "0".into(),
             });
         }
+        let before = clock.elapsed();
         let mut bank = within_a_box(system, Room::AsIs, clock)?;
+        let of_box = clock.elapsed() - before;
         let found = horizon::search(problem, system, &mut bank, options, clock)?;
+        let phases = Phases {
+            rows: of_box + found.rows,
+            programs: (clock.elapsed() - before).saturating_sub(of_box + found.rows),
+            ..Phases::default()
+        };
         let mut spent = vec![1; problem.rows().len()];
         for (pair, at) in system.pairs.iter().zip(&found.spent) {
             spent[pair.upper] = at[0];
@@ -241,6 +271,7 @@ impl TerminalIngredients {
             terminal_horizon: found.horizon,
             spent,
             linear_programs: found.programs,
+            phases,
             elapsed: clock.elapsed(),
         })
     }
@@ -309,6 +340,11 @@ impl TerminalIngredients {
         self.linear_programs
     }
 
+    /// Where that time went.
+    pub fn phases(&self) -> Phases {
+        self.phases
+    }
+
     /// How long the design took.
     pub fn elapsed(&self) -> Duration {
         self.elapsed
@@ -368,6 +404,17 @@ impl TerminalIngredients {
             &self.steady_states,
         )
     }
+}
+
+/// K and P. When that is interrupted every row is still open.
+fn terminal_law(problem: &Problem, clock: &Clock) -> Result<Law, DesignError> {
+    lqr::terminal_law(problem, clock).map_err(|e| match e {
+        DesignError::Interrupted { at_least, .. } => DesignError::Interrupted {
+            at_least,
+            rows_left: problem.rows().len(),
+        },
+        other => other,
+    })
 }
 
 /// Which box a computation needs.

@@ -39,22 +39,35 @@ pub(crate) struct Refutation {
 pub(crate) struct Proofs {
     /// Rows of the problem that make up each pair: the upper one, the lower one with its bound.
     pub(crate) pairs: Vec<(usize, Option<(usize, f64)>)>,
-    pub(crate) boxes: Vec<BoxSides>,
+    /// `None` for a coordinate that no step bounds.
+    pub(crate) boxes: Vec<Option<BoxSides>>,
+    /// The box holds the set of this many steps.
+    pub(crate) box_steps: usize,
     pub(crate) spent: Vec<Spent>,
     pub(crate) witness: Option<Refutation>,
 }
 
-/// A witness is pulled this far towards the origin, so that it lies inside whatever rounding does.
-const INSIDE: f64 = 1e-10;
-
 impl TerminalIngredients {
     /// The proofs behind this design: one linear program a row, and one for the witness.
+    ///
+    /// With one-sided constraints the box holds the set of b > 0 steps. What is left over of a row can then be bounded
+    /// from step b + 1 on only, and that is where rows spent earlier are proved spent: spent rows stay so. Where the sets
+    /// are bounded at all, the one of M̃ steps is, and b ≤ M̃.
     pub(crate) fn proofs(&self) -> Result<Proofs, DesignError> {
         let clock = Clock::unlimited();
         let mut system = self.augmented();
-        let boxes = Boxes::of(&mut system, &clock)?;
-        let box_proofs = box_proofs(&system, &boxes)?;
-        system.drop_within(&boxes.beta);
+        let mut boxes = Boxes::of(&mut system, &clock)?;
+        let at_once = boxes.valid.iter().all(|&v| v);
+        let mut box_steps = 0;
+        if at_once {
+            system.drop_within(&boxes.beta);
+        } else {
+            let (proved, steps) = Boxes::of_steps(&mut system, self.terminal_horizon, &clock);
+            self.check_states_bounded(&proved)?;
+            boxes.narrow_to(proved);
+            box_steps = steps;
+        }
+        let box_proofs = box_proofs(&boxes);
         let mut bank = Bank::new(&system, &boxes);
         let last = self.terminal_horizon + 1;
         system.extend_to(last);
@@ -64,7 +77,7 @@ impl TerminalIngredients {
         let pairs = (0..system.pairs.len()).into_par_iter();
         let spent: Vec<Result<Vec<Spent>, DesignError>> = pairs
             .map_init(Workspace::default, |ws, pair| {
-                self.spent_proofs(ws, &support, &system, pair, symmetric)
+                self.spent_proofs(ws, &support, &system, pair, symmetric, box_steps)
             })
             .collect();
         let mut all = Vec::new();
@@ -72,8 +85,16 @@ impl TerminalIngredients {
             all.extend(part?);
         }
         let witness = match self.condition {
+            Condition::Exact if self.terminal_horizon > 1 && at_once => {
+                Some(self.refutation(&support, &system)?)
+            }
             Condition::Exact if self.terminal_horizon > 1 => {
-                Some(refutation(&support, &all, self.terminal_horizon)?)
+                // The set of M̃ − 1 steps need not lie in the box that was proved.
+                let wide = Boxes::of(&mut system, &clock)?;
+                let mut bank = Bank::new(&system, &wide);
+                bank.extend_to(&system, last);
+                let support = Support::new(&system, &bank, last - 1, &clock);
+                Some(self.refutation(&support, &system)?)
             }
             _ => None,
         };
@@ -81,6 +102,7 @@ impl TerminalIngredients {
         Ok(Proofs {
             pairs: system.pairs.iter().map(row).collect(),
             boxes: box_proofs,
+            box_steps,
             spent: all,
             witness,
         })
@@ -93,8 +115,10 @@ impl TerminalIngredients {
         system: &Augmented,
         pair: usize,
         symmetric: bool,
+        box_steps: usize,
     ) -> Result<Vec<Spent>, DesignError> {
-        let above = self.spent_proof(ws, support, system, Side { pair, upper: true })?;
+        let side = |upper| Side { pair, upper };
+        let above = self.spent_proof(ws, support, system, side(true), box_steps)?;
         if system.pairs[pair].lower.is_none() {
             return Ok(vec![above]);
         }
@@ -106,7 +130,7 @@ impl TerminalIngredients {
                 ..above
             }
         } else {
-            self.spent_proof(ws, support, system, Side { pair, upper: false })?
+            self.spent_proof(ws, support, system, side(false), box_steps)?
         };
         Ok(vec![above, below])
     }
@@ -117,18 +141,15 @@ impl TerminalIngredients {
         support: &Support<'_>,
         system: &Augmented,
         side: Side,
+        box_steps: usize,
     ) -> Result<Spent, DesignError> {
-        let pair = &system.pairs[side.pair];
-        let row = match pair.lower {
-            Some((lower, _)) if !side.upper => lower,
-            _ => pair.upper,
-        };
-        let step = self.spent[row];
+        let row = row_of(system, side);
+        let step = self.spent[row].max(box_steps + 1);
         let known = match self.condition {
             Condition::Exact => step,
             Condition::Sufficient => 1,
         };
-        match support.is_spent(ws, side, step, known, Expected::Spent)? {
+        match support.is_clearly_spent(ws, side, step, known)? {
             Verdict::Spent => Ok(Spent {
                 pair: side.pair,
                 upper: side.upper,
@@ -144,50 +165,82 @@ impl TerminalIngredients {
             }),
         }
     }
+
+    /// The point that shows that one step less is too few.
+    fn refutation(
+        &self,
+        support: &Support<'_>,
+        system: &Augmented,
+    ) -> Result<Refutation, DesignError> {
+        let horizon = self.terminal_horizon;
+        let mut ws = Workspace::default();
+        let sides = (0..system.pairs.len()).flat_map(|pair| {
+            let has_lower = system.pairs[pair].lower.is_some();
+            let lower = has_lower.then_some(Side { pair, upper: false });
+            std::iter::once(Side { pair, upper: true }).chain(lower)
+        });
+        for side in sides.filter(|&s| self.spent[row_of(system, s)] == horizon + 1) {
+            let verdict = support.is_spent(&mut ws, side, horizon, horizon, Expected::NotSpent)?;
+            if let Verdict::NotSpent(value) = verdict
+                && value.is_finite()
+            {
+                // Halfway between its bound and where it must be beyond the bound, so that it stays there whatever
+                // rounding does.
+                let pull = (1.0 + value) / (2.0 * value);
+                let inside = |(j, v): (usize, f64)| (j, v * pull);
+                return Ok(Refutation {
+                    pair: side.pair,
+                    upper: side.upper,
+                    point: support.witness(&ws).into_iter().map(inside).collect(),
+                });
+            }
+        }
+        Err(DesignError::Solver {
+            what: "the certificate".into(),
+            detail: "no witness of the horizon was found".into(),
+        })
+    }
+
+    /// Equilibria may be unbounded: multipliers can be mended until nothing is left over of θ. Of states something always
+    /// is, because A + B K is rounded.
+    fn check_states_bounded(&self, boxes: &Boxes) -> Result<(), DesignError> {
+        let states = 0..self.problem.plant().states();
+        let open: Vec<usize> = states.filter(|&l| boxes.beta[l].is_infinite()).collect();
+        if open.is_empty() {
+            return Ok(());
+        }
+        let mut names: Vec<String> = open.iter().take(4).map(|l| format!("e[{l}]")).collect();
+        if open.len() > names.len() {
+            names.push(format!("and {} more", open.len() - names.len()));
+        }
+        Err(DesignError::Solver {
+            what: "the certificate".into(),
+            detail: format!(
+                "the constraints along {} steps leave {} unbounded, e = x - M_theta_x theta: what rounding leaves over of a \
+                 multiplier sum has no bound there. State the missing bounds, however wide",
+                self.terminal_horizon,
+                names.join(", ")
+            ),
+        })
+    }
 }
 
-/// The point that shows that one step less is too few.
-fn refutation(
-    support: &Support<'_>,
-    spent: &[Spent],
-    horizon: usize,
-) -> Result<Refutation, DesignError> {
-    let mut ws = Workspace::default();
-    for proof in spent.iter().filter(|p| p.step == horizon + 1) {
-        let side = Side {
-            pair: proof.pair,
-            upper: proof.upper,
-        };
-        let verdict = support.is_spent(&mut ws, side, horizon, horizon, Expected::NotSpent)?;
-        if let Verdict::NotSpent(_) = verdict {
-            let inside = |(j, v): (usize, f64)| (j, v * (1.0 - INSIDE));
-            return Ok(Refutation {
-                pair: side.pair,
-                upper: side.upper,
-                point: support.witness(&ws).into_iter().map(inside).collect(),
-            });
-        }
+/// The row of the problem that is a side of a pair.
+fn row_of(system: &Augmented, side: Side) -> usize {
+    let pair = &system.pairs[side.pair];
+    match pair.lower {
+        Some((lower, _)) if !side.upper => lower,
+        _ => pair.upper,
     }
-    Err(DesignError::Solver {
-        what: "the certificate".into(),
-        detail: "no witness of the horizon was found".into(),
-    })
 }
 
 /// Multipliers that prove the box.
-fn box_proofs(system: &Augmented, boxes: &Boxes) -> Result<Vec<BoxSides>, DesignError> {
-    let proof = |l: usize| {
-        let sides = boxes.proofs[l].clone().filter(|_| boxes.valid[l]);
-        let sides = sides.ok_or_else(|| DesignError::Solver {
-            what: "the certificate".into(),
-            detail: format!(
-                "coordinate {l} is not bounded by the constraints of the first step alone, which a certificate needs"
-            ),
-        })?;
-        Ok(BoxSides {
-            half_width: boxes.beta[l],
-            sides,
+fn box_proofs(boxes: &Boxes) -> Vec<Option<BoxSides>> {
+    let sides = boxes.proofs.iter().zip(&boxes.beta);
+    sides
+        .map(|(sides, &half_width)| {
+            let sides = sides.clone()?;
+            Some(BoxSides { half_width, sides })
         })
-    };
-    (0..system.dimension()).map(proof).collect()
+        .collect()
 }

@@ -19,6 +19,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// A support up to 1 + this counts as at most 1. The terminal horizons of the paper's cases do not change for any
 /// tolerance between 0 and 1e-6; without it, rows whose support is exactly 1 would never be spent.
 pub(super) const SPENT_TOLERANCE: f64 = 1e-9;
+/// Multipliers that are written down prove a support at most this much below 1, where it is so low. The checker's bounds on
+/// rounding take about 1e-12 of that.
+const ROOM_FOR_ROUNDING: f64 = 1e-8;
 /// Factors by which a box that does not hold O is widened when it stops a program.
 const WIDENINGS: [f64; 3] = [1.0, 1e2, 1e4];
 /// Below this many variables the whole program is solved at once.
@@ -106,6 +109,11 @@ impl<'a> Support<'a> {
         }
     }
 
+    /// The system.
+    pub(super) fn system(&self) -> &Augmented {
+        self.scene.system
+    }
+
     /// The rows.
     pub(super) fn bank(&self) -> &Bank {
         self.scene.bank
@@ -132,6 +140,27 @@ impl<'a> Support<'a> {
             known,
             skip: None,
             expected,
+            low_enough: 1.0,
+        };
+        self.decide(ws, key, side.upper, bound, &query)
+    }
+
+    /// The same for a side that is spent, with multipliers that leave the checker room for its rounding where there is.
+    pub(super) fn is_clearly_spent(
+        &self,
+        ws: &mut Workspace,
+        side: Side,
+        step: usize,
+        known: usize,
+    ) -> Result<Verdict, DesignError> {
+        let key = self.scene.bank.moving(side.pair, step);
+        let pair = &self.scene.system.pairs[side.pair];
+        let bound = if side.upper { 1.0 } else { pair.lower_bound() };
+        let query = Query {
+            known,
+            skip: None,
+            expected: Expected::Spent,
+            low_enough: 1.0 - ROOM_FOR_ROUNDING,
         };
         self.decide(ws, key, side.upper, bound, &query)
     }
@@ -190,6 +219,7 @@ impl<'a> Support<'a> {
             known,
             skip: Some((key, upper)),
             expected: Expected::NotSpent,
+            low_enough: 1.0,
         };
         let bound = if upper { u } else { l };
         let verdict = self.decide(ws, key, upper, bound, &query)?;

@@ -6,6 +6,10 @@
 //! spent there, not spent one step before. In the second, sufficient form it is held against X_aug,t alone, which is
 //! not monotone in t: steps are counted up, and the row that refused the last step is asked first.
 
+mod hints;
+mod never_spent;
+mod sufficient;
+
 use super::augmented::Augmented;
 use super::bank::Bank;
 use super::program::{Expected, Workspace};
@@ -14,8 +18,8 @@ use super::{Condition, DesignOptions, Progress};
 use crate::clock::Clock;
 use crate::error::DesignError;
 use crate::problem::{Problem, RowSource};
+use hints::{Hints, support_profile};
 use rayon::prelude::*;
-use std::collections::VecDeque;
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
@@ -27,6 +31,8 @@ pub(super) struct Found {
     /// First spent step of each side of each pair (upper, lower); 0 where the problem has no such side.
     pub(super) spent: Vec<[usize; 2]>,
     pub(super) programs: usize,
+    /// Time for the rows along the law.
+    pub(super) rows: Duration,
 }
 
 /// Whether every pair has equal bounds: O = −O, and both sides of a pair have the same support.
@@ -51,6 +57,7 @@ pub(super) fn search(
         done: AtomicUsize::new(0),
         total: AtomicUsize::new(0),
         at_least: AtomicUsize::new(1),
+        asked: Default::default(),
         reported: AtomicUsize::new(0),
     };
     match options.condition {
@@ -78,6 +85,8 @@ struct Search<'a> {
     done: AtomicUsize,
     total: AtomicUsize,
     at_least: AtomicUsize,
+    /// The row and step last asked about, as pair · 2 + (lower side) and step.
+    asked: [AtomicUsize; 2],
     /// Milliseconds on the clock at the last report.
     reported: AtomicUsize,
 }
@@ -117,14 +126,16 @@ impl Search<'_> {
         let mut open: Vec<Open> = self.sides(system).into_iter().map(start).collect();
         self.total.store(open.len(), Ordering::Relaxed);
         let mut spent = vec![[0_usize; 2]; system.pairs.len()];
-        let mut programs = 0;
+        let (mut programs, mut rows) = (0, Duration::ZERO);
         let mut hints = Hints::default();
         let mut step = 1;
         // The first failing condition is at horizon max_horizon, whose rows stand at one step more.
         let last = self.options.max_horizon.saturating_add(1);
         loop {
+            let before = self.clock.elapsed();
             system.extend_to(step);
             bank.extend_to(system, step);
+            rows += self.clock.elapsed() - before;
             let support = Support::new(system, bank, step - 1, self.clock);
             let mut done = Vec::new();
             let mut worth = true;
@@ -168,14 +179,14 @@ impl Search<'_> {
             }
             open = waiting;
             open.sort_by_key(|o| o.side);
-            self.report();
+            self.report(system);
             if open.is_empty() {
                 break;
             }
             if stopped || self.clock.has_stopped() {
                 return Err(DesignError::Interrupted {
                     at_least: self.at_least.load(Ordering::Relaxed),
-                    rows_left: open.len(),
+                    rows_left: self.rows_left(system, &open),
                 });
             }
             if step >= last {
@@ -195,6 +206,7 @@ impl Search<'_> {
             horizon: latest.saturating_sub(1).max(1),
             spent,
             programs,
+            rows,
         })
     }
 
@@ -221,7 +233,7 @@ impl Search<'_> {
                             .fetch_max(at.saturating_sub(1), Ordering::Relaxed);
                         self.done.fetch_add(1, Ordering::Relaxed);
                     }
-                    self.report_now_and_then();
+                    self.report_now_and_then(support.system());
                     outcomes.push(outcome);
                 }
                 Ok(outcomes)
@@ -251,6 +263,7 @@ impl Search<'_> {
             if self.clock.has_stopped() {
                 return Ok(Outcome::Stopped(row));
             }
+            self.note(row.side, next);
             let expected = if high.is_none() {
                 Expected::Spent
             } else {
@@ -281,78 +294,8 @@ impl Search<'_> {
         }
     }
 
-    fn sufficient(&self, system: &mut Augmented, bank: &mut Bank) -> Result<Found, DesignError> {
-        let sides = self.sides(system);
-        self.total.store(sides.len(), Ordering::Relaxed);
-        let mut ws = Workspace::default();
-        let mut programs = 0;
-        let mut first = 0;
-        for horizon in 1..=self.options.max_horizon {
-            let step = horizon + 1;
-            system.extend_to(step);
-            bank.extend_to(system, step);
-            let support = Support::new(system, bank, 0, self.clock);
-            let mut refused = None;
-            let ask = |ws: &mut Workspace, side: Side| match support.is_spent(
-                ws,
-                side,
-                step,
-                1,
-                Expected::Spent,
-            )? {
-                Verdict::Spent => Ok(None),
-                Verdict::NotSpent(value) => Ok(Some((side, value))),
-                Verdict::Stopped => Err(DesignError::Interrupted {
-                    at_least: horizon,
-                    rows_left: sides.len(),
-                }),
-            };
-            for k in 0..sides.len() {
-                let at = (first + k) % sides.len();
-                if self.clock.has_stopped() {
-                    return Err(DesignError::Interrupted {
-                        at_least: horizon,
-                        rows_left: sides.len(),
-                    });
-                }
-                if let Some(found) = ask(&mut ws, sides[at])? {
-                    refused = Some(found);
-                    first = at;
-                    break;
-                }
-            }
-            programs += support.programs();
-            self.at_least.fetch_max(horizon, Ordering::Relaxed);
-            self.report();
-            match refused {
-                None => {
-                    let both = [step, step];
-                    return Ok(Found {
-                        horizon,
-                        spent: vec![both; system.pairs.len()],
-                        programs,
-                    });
-                }
-                Some((side, support)) if horizon == self.options.max_horizon => {
-                    let row = Open {
-                        side,
-                        low: step,
-                        support,
-                    };
-                    return Err(self.not_determined(system, &row, horizon, ""));
-                }
-                Some(_) => {}
-            }
-        }
-        Err(DesignError::OutOfRange {
-            what: "the largest terminal horizon".into(),
-            expected: "at least 1".into(),
-            found: self.options.max_horizon.to_string(),
-        })
-    }
-
     /// Reports when the last report is old; one thread does, the others go on.
-    fn report_now_and_then(&self) {
+    fn report_now_and_then(&self, system: &Augmented) {
         let now = self.clock.elapsed().as_millis() as usize;
         let last = self.reported.load(Ordering::Relaxed);
         let is_old = now.saturating_sub(last) as u128 >= REPORT.as_millis();
@@ -363,115 +306,53 @@ impl Search<'_> {
                 .compare_exchange(last, now, order, order)
                 .is_ok()
         {
-            self.report();
+            self.report(system);
         }
     }
 
-    fn report(&self) {
+    /// Remembers what is asked.
+    fn note(&self, side: Side, step: usize) {
+        let row = 2 * side.pair + usize::from(!side.upper);
+        self.asked[0].store(row, Ordering::Relaxed);
+        self.asked[1].store(step, Ordering::Relaxed);
+    }
+
+    /// The constraint row that is a side of a pair.
+    fn source(&self, system: &Augmented, side: Side) -> Option<RowSource> {
+        let pair = system.pairs.get(side.pair)?;
+        let row = match pair.lower {
+            Some((lower, _)) if !side.upper => lower,
+            _ => pair.upper,
+        };
+        self.problem.rows().source.get(row).copied()
+    }
+
+    /// Constraint rows that open sides stand for.
+    fn rows_left(&self, system: &Augmented, open: &[Open]) -> usize {
+        let rows = |o: &Open| {
+            let has_lower = system.pairs[o.side.pair].lower.is_some();
+            1 + usize::from(self.symmetric && has_lower)
+        };
+        open.iter().map(rows).sum()
+    }
+
+    fn report(&self, system: &Augmented) {
         if let Some(progress) = self.options.progress {
+            let asked = self.asked[0].load(Ordering::Relaxed);
+            let asked = Side {
+                pair: asked / 2,
+                upper: asked.is_multiple_of(2),
+            };
             let told = progress(&Progress {
                 rows_done: self.done.load(Ordering::Relaxed),
                 rows_total: self.total.load(Ordering::Relaxed),
+                row: self.source(system, asked),
+                step: self.asked[1].load(Ordering::Relaxed),
                 terminal_horizon_at_least: self.at_least.load(Ordering::Relaxed),
             });
             if told == ControlFlow::Break(()) {
                 self.clock.stop();
             }
         }
-    }
-
-    /// The support of a side over the steps, in words.
-    fn trend(
-        &self,
-        system: &Augmented,
-        bank: &Bank,
-        side: Side,
-        last: usize,
-    ) -> Result<String, DesignError> {
-        let support = Support::new(system, bank, last - 1, self.clock);
-        let mut ws = Workspace::default();
-        let mut text = Vec::new();
-        for quarter in 1..=4 {
-            let step = (last * quarter / 4).max(1);
-            if let Verdict::NotSpent(value) =
-                support.is_spent(&mut ws, side, step, step, Expected::NotSpent)?
-            {
-                text.push(format!("{value:.6} at step {step}"));
-            }
-        }
-        text.dedup();
-        Ok(text.join(", "))
-    }
-
-    fn not_determined(
-        &self,
-        system: &Augmented,
-        row: &Open,
-        reached: usize,
-        trend: &str,
-    ) -> DesignError {
-        let pair = &system.pairs[row.side.pair];
-        let index = match pair.lower {
-            Some((lower, _)) if !row.side.upper => lower,
-            _ => pair.upper,
-        };
-        let source: RowSource = self.problem.rows().source[index];
-        let mut hint = if trend.is_empty() {
-            String::new()
-        } else {
-            format!("Its support over the steps: {trend}. ")
-        };
-        hint.push_str(&format!(
-            "Allow more steps (max_horizon), lower the scaling ({}), choose a faster gain, or widen that bound",
-            self.problem.scaling()
-        ));
-        DesignError::HorizonNotDetermined {
-            reached,
-            row: source.to_string(),
-            support: row.support,
-            known: format!("it is at least {}", reached + 1),
-            hint,
-        }
-    }
-}
-
-/// How a row fades: the value of its e part over the box after 0, 1, 2, 4, … steps, as logarithms.
-type Profile = Vec<f64>;
-
-fn support_profile(bank: &Bank, side: Side, last: usize) -> Profile {
-    let steps = std::iter::once(0).chain((0..).map(|k| 1_usize << k));
-    steps
-        .take_while(|&s| s < last)
-        .map(|s| bank.total(bank.moving(side.pair, s)).max(1e-300).ln())
-        .collect()
-}
-
-/// Where rows were first spent. Rows that fade alike are spent alike.
-#[derive(Clone, Default)]
-struct Hints {
-    recent: VecDeque<(Profile, usize)>,
-}
-
-/// Rows remembered.
-const REMEMBERED: usize = 24;
-
-impl Hints {
-    fn add(&mut self, profile: Profile, at: usize) {
-        if self.recent.len() == REMEMBERED {
-            self.recent.pop_front();
-        }
-        self.recent.push_back((profile, at));
-    }
-
-    fn nearest(&self, profile: &[f64]) -> Option<usize> {
-        let distance = |other: &[f64]| -> f64 {
-            let parts = profile.iter().zip(other).map(|(a, b)| (a - b).abs());
-            parts.sum()
-        };
-        self.recent
-            .iter()
-            .map(|(p, at)| (distance(p), *at))
-            .min_by(|a, b| a.0.total_cmp(&b.0))
-            .map(|best| best.1)
     }
 }
