@@ -29,7 +29,7 @@ pub use error::{DesignError, StepError};
 pub use matrix::{Matrix, SparseMatrix};
 pub use problem::file::{FileError, ProblemFile};
 pub use problem::{
-    Constraints, Formulation, Labels, NoTerminalConstraint, OperatingPoint, Plant, Problem,
+    Constraints, Ellipsoid, EllipsoidShape, Formulation, Labels, NoTerminalConstraint, NormConstraint, OperatingPoint, Plant, Problem,
     RowSource, Task, TerminalCost, Weight, Weights,
 };
 pub use simulation::{
