@@ -23,7 +23,7 @@ mod steady_state;
 pub mod terminal;
 
 pub use control::{
-    AdmissibleSetPoint, CondensedQp, Controller, ImplicitTerminalCost, SetPoint, Step, StepStatus,
+    AdmissibleSetPoint, CondensedCone, CondensedQp, Controller, ImplicitTerminalCost, SetPoint, Step, StepStatus,
 };
 pub use error::{DesignError, StepError};
 pub use matrix::{Matrix, SparseMatrix};

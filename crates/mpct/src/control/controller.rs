@@ -1,6 +1,8 @@
 //! The controller behind one door: `step(x, set_point) -> u`.
 
-use super::online::{Limits, OnlineSolver, Program};
+use super::cones::condense_cones;
+use super::conic::{ProgramCone, Solver};
+use super::online::{Limits, Program};
 use super::prediction::{RowOrigin, condense};
 use super::set_point::{Equilibria, SetPoint, weighted_square};
 use super::terminal_cost::ExtraCost;
@@ -65,7 +67,8 @@ pub struct Step {
     pub elapsed: Duration,
 }
 
-/// The quadratic program of one step, for other solvers: min ½ zᵀHz + fᵀz subject to G z ≤ b.
+/// The quadratic program of one step, for other solvers: min ½ zᵀHz + fᵀz subject to G z ≤ b, and to ‖T z + t‖ ≤ 1 for each
+/// cone.
 ///
 /// z = (c_0, …, c_{N−1}, θ), and the first input is u = K x + L θ + c_0 in shifted coordinates.
 #[derive(Clone, Debug, PartialEq)]
@@ -78,6 +81,17 @@ pub struct CondensedQp {
     pub rows: Matrix,
     /// b.
     pub bounds: Vec<f64>,
+    /// The second-order cones; none without ellipsoids.
+    pub cones: Vec<CondensedCone>,
+}
+
+/// ‖T z + t‖ ≤ 1 in a [`CondensedQp`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct CondensedCone {
+    /// T, q × variables.
+    pub map: Matrix,
+    /// t, length q.
+    pub offset: Vec<f64>,
 }
 
 /// A controller with its guarantees.
@@ -102,9 +116,11 @@ pub struct CondensedQp {
 pub struct Controller {
     ingredients: TerminalIngredients,
     formulation: Formulation,
-    solver: OnlineSolver,
+    solver: Solver,
     /// Where each row of the program comes from.
     origin: Vec<RowOrigin>,
+    /// The same for its cones; rows are ellipsoids there.
+    cone_origin: Vec<RowOrigin>,
     /// The Hessian of the cost in the state.
     state_hessian: Dense,
     /// What the cost has besides (10).
@@ -148,6 +164,7 @@ impl Controller {
     ) -> Result<Self, DesignError> {
         let problem = ingredients.problem();
         let (inputs, stages) = (problem.plant().inputs(), problem.prediction_horizon());
+        let (cones, cone_origin) = condense_cones(&ingredients, formulation)?;
         let condensed = condense(&ingredients, formulation)?;
         let program = Program {
             hessian: condensed.hessian,
@@ -161,7 +178,8 @@ impl Controller {
             Task::Regulation => None,
         };
         Ok(Self {
-            solver: OnlineSolver::new(program, inputs, stages)?,
+            solver: Solver::new(program, cones, inputs, stages)?,
+            cone_origin,
             ingredients,
             formulation,
             origin: condensed.origin,
@@ -192,6 +210,11 @@ impl Controller {
     /// Variables of the quadratic program.
     pub fn variables(&self) -> usize {
         self.solver.program().hessian.nrows()
+    }
+
+    /// Second-order cones of the quadratic program: none without ellipsoids.
+    pub fn cones(&self) -> usize {
+        self.solver.cones().len()
     }
 
     /// Rows of the quadratic program.
@@ -258,7 +281,21 @@ impl Controller {
             linear,
             rows: crate::linalg::to_matrix(&self.solver.program().rows),
             bounds,
+            cones: self
+                .solver
+                .cones()
+                .iter()
+                .map(|c| CondensedCone {
+                    map: crate::linalg::to_matrix(&c.map),
+                    offset: c.offset_at(&x),
+                })
+                .collect(),
         })
+    }
+
+    /// The cones of the program, in shifted coordinates.
+    pub(crate) fn program_cones(&self) -> &[ProgramCone] {
+        self.solver.cones()
     }
 
     /// W and G of the program's rows W x + G z ≤ 1, in shifted coordinates.
@@ -314,6 +351,24 @@ impl Controller {
             step,
         };
         self.origin
+            .iter()
+            .map(|origin| match *origin {
+                RowOrigin::Stage { row, step } => named(row, Some(step)),
+                RowOrigin::Terminal { row, step } => named(row, Some(horizon + step)),
+                RowOrigin::Equilibrium { row } => named(row, None),
+            })
+            .collect()
+    }
+
+    /// What each of its cones comes from.
+    pub(crate) fn program_cone_names(&self) -> Vec<ProgramRow> {
+        let horizon = self.ingredients.problem().prediction_horizon();
+        let norms = self.ingredients.problem().norms();
+        let named = |k: usize, step| ProgramRow {
+            source: norms[k].source,
+            step,
+        };
+        self.cone_origin
             .iter()
             .map(|origin| match *origin {
                 RowOrigin::Stage { row, step } => named(row, Some(step)),

@@ -1,15 +1,18 @@
 //! The controller: one quadratic program a step.
 
+mod cones;
+mod conic;
 mod controller;
 mod online;
 mod prediction;
 mod set_point;
 mod terminal_cost;
 
-pub use controller::{CondensedQp, Controller, Step, StepStatus};
+pub use controller::{CondensedCone, CondensedQp, Controller, Step, StepStatus};
 pub use set_point::{AdmissibleSetPoint, SetPoint};
 pub use terminal_cost::ImplicitTerminalCost;
 
+pub(crate) use conic::ProgramCone;
 pub(crate) use set_point::{OffsetCost, weighted_square};
 pub(crate) use terminal_cost::no_terminal_constraint;
 

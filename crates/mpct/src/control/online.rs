@@ -18,6 +18,18 @@ pub(crate) struct Program {
     pub(crate) state_rows: Dense,
 }
 
+impl Program {
+    /// f and b of the program at (x, r).
+    pub(crate) fn linear_and_bounds(&self, x: &[f64], r: &[f64]) -> (Vec<f64>, Vec<f64>) {
+        let mut f = vec![0.0; self.hessian.nrows()];
+        accumulate(&mut f, &self.from_state, x, 1.0);
+        accumulate(&mut f, &self.from_set_point, r, 1.0);
+        let mut b = vec![1.0; self.rows.nrows()];
+        accumulate(&mut b, &self.state_rows, x, -1.0);
+        (f, b)
+    }
+}
+
 /// Largest residual of an optimum that is accepted, relative as in [`verify::Residuals`].
 const ACCEPTED: f64 = 1e-8;
 /// A Farkas ray must exclude every solution below this norm, in units in which rows have right-hand sides of one.
@@ -141,16 +153,6 @@ impl OnlineSolver {
         }
     }
 
-    /// f and b of the program at (x, r).
-    pub(crate) fn linear_and_bounds(&self, x: &[f64], r: &[f64]) -> (Vec<f64>, Vec<f64>) {
-        let mut f = vec![0.0; self.variables];
-        accumulate(&mut f, &self.program.from_state, x, 1.0);
-        accumulate(&mut f, &self.program.from_set_point, r, 1.0);
-        let mut b = vec![1.0; self.program.rows.nrows()];
-        accumulate(&mut b, &self.program.state_rows, x, -1.0);
-        (f, b)
-    }
-
     /// The checked optimum at (x, r); the shifted candidate when the limits end the solve before it.
     pub(crate) fn solve(
         &mut self,
@@ -158,7 +160,7 @@ impl OnlineSolver {
         r: &[f64],
         limits: Limits,
     ) -> Result<Answer, Failure> {
-        let (f, b) = self.linear_and_bounds(x, r);
+        let (f, b) = self.program.linear_and_bounds(x, r);
         let unsolved = Failure::Unsolved {
             iterations: 0,
             residual: f64::INFINITY,
@@ -258,7 +260,7 @@ fn resume<'a>(
 }
 
 /// out += factor · M v.
-fn accumulate(out: &mut [f64], m: &Dense, v: &[f64], factor: f64) {
+pub(super) fn accumulate(out: &mut [f64], m: &Dense, v: &[f64], factor: f64) {
     for (j, &vj) in v.iter().enumerate() {
         if vj != 0.0 {
             for (o, &c) in out.iter_mut().zip(m.col(j).iter()) {

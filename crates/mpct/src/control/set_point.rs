@@ -1,10 +1,11 @@
 //! Set-points, and the admissible equilibrium closest to one.
 
-use super::online::{Limits, OnlineSolver, Program};
+use super::conic::{ProgramCone, Solver};
+use super::online::{Limits, Program};
 use crate::error::DesignError;
 use crate::linalg::{self, Dense};
 use crate::matrix::SparseMatrix;
-use crate::optimization::Failure;
+use crate::optimization::{Failure, add_product, norm};
 use crate::problem::plant::check_vector;
 use crate::problem::{Problem, RowSource};
 use crate::steady_state::SteadyStates;
@@ -155,9 +156,11 @@ fn add(a: &[f64], b: &[f64]) -> Vec<f64> {
 
 /// The closest admissible equilibrium as a program in θ, ready for many set-points.
 pub(crate) struct Equilibria {
-    solver: OnlineSolver,
+    solver: Solver,
     /// C M_θx + D M_θu.
     rows: SparseMatrix,
+    /// F M_θx + G M_θu of each ellipsoid.
+    norms: Vec<Dense>,
     /// Offset cost of going from the operating point to a constraint, the largest over the parameters.
     unit: f64,
 }
@@ -180,6 +183,24 @@ impl Equilibria {
             }
         });
         let unit = (0..m).fold(0.0_f64, |a, i| a.max(0.5 * cost.hessian[(i, i)]));
+        let norms: Vec<Dense> = problem
+            .norms()
+            .iter()
+            .map(|b| {
+                linalg::dense(&b.f) * linalg::dense(steady.state_basis())
+                    + linalg::dense(&b.g) * linalg::dense(steady.input_basis())
+            })
+            .collect();
+        let cones = problem
+            .norms()
+            .iter()
+            .zip(&norms)
+            .map(|(b, w)| ProgramCone {
+                map: w * faer::Scale(1.0 / problem.scaling()),
+                from_state: Dense::zeros(w.nrows(), 1),
+                offset: b.offset.clone(),
+            })
+            .collect();
         // There is no measured state here: one that is always zero takes its place.
         let program = Program {
             hessian: cost.hessian,
@@ -189,7 +210,8 @@ impl Equilibria {
             state_rows: Dense::zeros(constraints.len(), 1),
         };
         Ok(Self {
-            solver: OnlineSolver::new(program, m, 0)?,
+            solver: Solver::new(program, cones, m, 0)?,
+            norms,
             rows,
             unit,
         })
@@ -241,6 +263,7 @@ impl Equilibria {
         let limiting = (0..self.rows.rows())
             .filter(|&i| self.rows.row_dot(i, &theta) >= scaling * (1.0 - ACTIVE))
             .map(|i| problem.rows().source[i])
+            .chain(self.limiting_norms(problem, &theta))
             .collect();
         Ok(AdmissibleSetPoint {
             state: add(&xs, &at.state),
@@ -250,6 +273,21 @@ impl Equilibria {
             offset_cost,
             limiting,
         })
+    }
+}
+
+impl Equilibria {
+    /// The ellipsoids with ‖Wθ/λ + h‖ at 1.
+    fn limiting_norms(&self, problem: &Problem, theta: &[f64]) -> Vec<RowSource> {
+        let bounds = problem.norms().iter().zip(&self.norms);
+        bounds
+            .filter(|(b, w)| {
+                let mut v = b.offset.clone();
+                add_product(&mut v, w, theta, 1.0 / problem.scaling());
+                norm(&v) >= 1.0 - ACTIVE
+            })
+            .map(|(b, _)| b.source)
+            .collect()
     }
 }
 

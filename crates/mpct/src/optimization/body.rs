@@ -57,6 +57,15 @@ pub(crate) struct SupportValue {
     /// cᵀ point.
     pub(crate) lower: f64,
     pub(crate) upper: f64,
+    /// The multipliers behind `upper`: y ≥ 0 of the rows, w_k of the balls.
+    pub(crate) multipliers: Multipliers,
+}
+
+/// Multipliers of a body: y ≥ 0 of its rows, w_k of its balls.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Multipliers {
+    pub(crate) rows: Vec<f64>,
+    pub(crate) balls: Vec<Vec<f64>>,
 }
 
 /// Why there is no answer.
@@ -102,7 +111,7 @@ impl Body {
         let (v, y, w) = self.solve(c)?;
         let point = self.drawn_inside(&v, inside)?;
         let lower = dot(c, &point);
-        let upper = self.upper_end(c, &v, y, w);
+        let (upper, multipliers) = self.upper_end(c, &v, y, w);
         if !(lower.is_finite() && upper.is_finite()) {
             return Err(BodyFailure::Unsolved(format!(
                 "the support lies between {lower} and {upper}"
@@ -112,6 +121,7 @@ impl Body {
             point,
             lower,
             upper: upper.max(lower),
+            multipliers,
         })
     }
 
@@ -199,7 +209,13 @@ impl Body {
     }
 
     /// The weak-duality bound of (y, w) after refinement.
-    fn upper_end(&self, c: &[f64], v: &[f64], mut y: Vec<f64>, mut w: Vec<Vec<f64>>) -> f64 {
+    fn upper_end(
+        &self,
+        c: &[f64],
+        v: &[f64],
+        mut y: Vec<f64>,
+        mut w: Vec<Vec<f64>>,
+    ) -> (f64, Multipliers) {
         self.refine(c, &mut y, &mut w);
         let leak = self
             .leak(c, &y, &w)
@@ -212,7 +228,8 @@ impl Body {
             .map(|(b, w)| norm(w) * b.radius - dot(w, &b.offset))
             .sum();
         let size: f64 = v.iter().map(|x| x.abs()).sum();
-        dot(&y, &self.bounds) + balls + leak * LEAK_RADIUS * size.max(1.0)
+        let upper = dot(&y, &self.bounds) + balls + leak * LEAK_RADIUS * size.max(1.0);
+        (upper, Multipliers { rows: y, balls: w })
     }
 
     /// c − Gᵀy − Σ F_kᵀ w_k.
@@ -299,7 +316,10 @@ impl Body {
             starts.push(indices.len());
         }
         let mut b = self.bounds.clone();
-        let mut cones: Vec<SupportedConeT<f64>> = vec![NonnegativeConeT(p)];
+        let mut cones: Vec<SupportedConeT<f64>> = Vec::with_capacity(1 + self.balls.len());
+        if p > 0 {
+            cones.push(NonnegativeConeT(p));
+        }
         for ball in &self.balls {
             b.push(ball.radius);
             b.extend(&ball.offset);

@@ -2,8 +2,11 @@
 //! a library, checked by us.
 
 mod body;
+mod conic_qp;
+pub(crate) mod conic_verify;
 mod qp;
 pub(crate) mod verify;
 
-pub(crate) use body::{Ball, Body, BodyFailure, add_product, dot, norm};
+pub(crate) use body::{Ball, Body, BodyFailure, Multipliers, SupportValue, add_product, dot, norm};
+pub(crate) use conic_qp::{ConicLimits, ConicQp};
 pub(crate) use qp::{Failure, PreparedQp};
