@@ -1,46 +1,58 @@
-use mpct::*;
+//! Ellipsoidal constraints: the terminal horizon, its certificate, and closed loops, against polygons, samples and formulas.
 
-fn plant() -> Plant {
-    Plant::discrete(
-        Matrix::from_rows(&[[1.0, 1.0], [0.0, 1.0]]),
-        Matrix::from_rows(&[[0.0, 0.5], [1.0, 0.5]]),
-    )
-    .unwrap()
-}
+mod support;
+
+use mpct::certificate::{Certificate, VerifyOptions, verify};
+use mpct::*;
+use support::random::{self, Random};
+
 #[test]
 fn explore() {
-    for scaling in [0.99, 0.9, 0.7, 0.5] {
-        let problem = |c: Constraints| {
-            Problem::new(plant(), c, Weights::new(10.0, 100.0, 1e4)).unwrap().with_scaling(scaling).unwrap()
-        };
-        let design = |c: Constraints| {
-            let t = std::time::Instant::now();
-            let d = TerminalIngredients::design(&problem(c), &DesignOptions::default()).unwrap();
-            println!("λ {scaling} M {} minimal {} programs {} {:?}", d.terminal_horizon(), d.is_minimal(), d.linear_programs(), t.elapsed());
-            d
-        };
-        let d = design(Constraints::new(2, 2).state_ellipsoid(1.0 / 9.0).unwrap().input_ellipsoid(0.25).unwrap());
-        let mut controller = Controller::new(d).unwrap();
-        println!("{controller:?} {} cones", controller.cones());
-        let sim = Simulation { initial_state: vec![-2.0, 2.0], steps: 120, disturbance: None, set_points: vec![
-            ScheduledSetPoint { from_step: 0, set_point: SetPoint::state([2.0, 0.5]) },
-            ScheduledSetPoint { from_step: 40, set_point: SetPoint::state([-5.0, 0.1]) },
-            ScheduledSetPoint { from_step: 80, set_point: SetPoint::state([0.0, 0.0]) },
-        ] };
-        let run = simulate(&mut controller, &sim, None).unwrap();
-        for k in [0, 1, 2, 39, 40, 41, 79, 80, 119] { let s = &run.steps[k]; println!("{k} x {:?} u {:?} a {:?} cost {:.6} adm {} {} it {}", s.x, s.u, s.artificial_state, s.cost, s.admissible, s.status, s.iterations); }
-        println!("worst {:e} mean {:e} max {:e}", run.summary.worst_violation, run.summary.mean_solve_seconds, run.summary.max_solve_seconds);
-        for k in [8, 32, 64] {
-            for outer in [false, true] {
-            let poly = |r: f64| -> (Matrix, Vec<f64>) {
-                let rows: Vec<Vec<f64>> = (0..k).map(|i| { let a = i as f64 / k as f64 * std::f64::consts::TAU; vec![a.cos(), a.sin()] }).collect();
-                (Matrix::from_vecs("p", &rows).unwrap(), vec![if outer { r } else { r * (std::f64::consts::PI / k as f64).cos() }; k])
-            };
-            let (c, d) = poly(3.0);
-            let (cu, du) = poly(2.0);
-            let z = Matrix::zeros(k, 2);
-            design(Constraints::new(2, 2).mixed(c, z.clone(), d).unwrap().mixed(z, cu, du).unwrap());
-            }
-        }
+    for seed in 0..40 {
+        let problem = with_ellipsoids(seed);
+        let t = std::time::Instant::now();
+        let d = match TerminalIngredients::design(&problem, &DesignOptions::default()) { Ok(d) => d, Err(e) => { println!("{seed} {e}"); continue; } };
+        let t1 = t.elapsed();
+        let t = std::time::Instant::now();
+        let v = Certificate::of(&d).map(|c| { let s = c.to_json(); (s.len(), verify(&s, VerifyOptions::default())) });
+        let q: Vec<usize> = problem.norms().iter().map(|b| b.dimension()).collect();
+        println!("{seed} {:?} n {} m {} p {} q {q:?} λ {:.2} M {} minimal {} programs {} {:?} cert {:?} {}", random::kind(seed), problem.plant().states(), problem.plant().inputs(), problem.rows().len(), problem.scaling(), d.terminal_horizon(), d.is_minimal(), d.linear_programs(), t1, t.elapsed(), match v { Ok((l, Ok(v))) => format!("{l} bytes margin {:e} {} tol {} norms {}", v.smallest_margin, v.tightest_row, v.rows_to_tolerance, v.ellipsoids), Ok((_, Err(e))) => e.to_string(), Err(e) => e.to_string() });
     }
+}
+
+/// The random problem of a seed with one to three ellipsoids that cut off a part of its polytope.
+fn with_ellipsoids(seed: u64) -> Problem {
+    let base = random::problem(seed);
+    let (n, m) = (base.plant().states(), base.plant().inputs());
+    let mut random = Random::new(seed + 1000);
+    let mut form = |n: usize, radius: f64| -> Matrix {
+        let v = random.matrix(n, n, 1.0);
+        let mut e = support::linear::mul(&v, &support::linear::transpose(&v));
+        for (i, row) in e.iter_mut().enumerate() {
+            row[i] += 0.2;
+            row.iter_mut().for_each(|v| *v /= radius * radius * n as f64);
+        }
+        random::matrix(&e)
+    };
+    let mut constraints = base
+        .constraints()
+        .clone()
+        .state_ellipsoid_around(form(n, 2.0), vec![0.2; n])
+        .unwrap();
+    if seed % 2 == 0 {
+        constraints = constraints.input_ellipsoid(form(m, 1.0)).unwrap();
+    }
+    if seed % 3 == 0 {
+        constraints = constraints
+            .norm_bound(random::matrix(&random.matrix(2, n, 0.3)), random::matrix(&random.matrix(2, m, 0.3)))
+            .unwrap();
+    }
+    let weights = Weights::new(base.state_weight().clone(), base.input_weight().clone(), base.offset_weight().clone());
+    Problem::new(base.plant().clone(), constraints, weights)
+        .unwrap()
+        .with_name(format!("ellipsoids {seed}"))
+        .with_scaling(base.scaling())
+        .unwrap()
+        .with_prediction_horizon(base.prediction_horizon())
+        .unwrap()
 }

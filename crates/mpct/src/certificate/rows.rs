@@ -8,7 +8,7 @@
 //!   δ_s = Σ_t ‖d_t‖_β + Σ_{k<s} ‖g_k ρ‖_β,   ‖v‖_β = Σ_l |v_l| β_l.
 //! The bound adds up and does not grow along the law, and it covers rounding, ρ, and entries dropped on purpose.
 
-use super::document::{Claim, Sparse};
+use super::document::{Claim, Ellipsoid, Sparse};
 use super::interval::{Accumulator, Interval, IntervalRows, add_up, combined, mul_up, product};
 use super::verify::VerifyError;
 
@@ -25,6 +25,13 @@ pub(super) struct System {
     /// |ρ|, by rows.
     drift: Vec<Vec<(usize, f64)>>,
     pub(super) rows: Vec<ConstraintRow>,
+    pub(super) norms: Vec<Norm>,
+}
+
+/// An ellipsoid at step 0: ‖components + h‖ ≤ 1.
+pub(super) struct Norm {
+    pub(super) components: Vec<ConstraintRow>,
+    pub(super) offset: Vec<Interval>,
 }
 
 /// One constraint at step 0.
@@ -40,6 +47,11 @@ pub(super) struct ConstraintRow {
 }
 
 impl ConstraintRow {
+    /// δ of the row of θ ∈ λΘ.
+    pub(super) fn static_slack(&self, beta: &[f64]) -> f64 {
+        weighted(&self.w_error, beta)
+    }
+
     /// The room of a side.
     pub(super) fn room(&self, upper: bool) -> Option<Interval> {
         self.room[usize::from(!upper)]
@@ -181,6 +193,11 @@ impl System {
                 room: [room(constraint.upper, 1.0)?, room(constraint.lower, -1.0)?],
             });
         }
+        let norms = claim
+            .ellipsoids
+            .iter()
+            .map(|ellipsoid| norm_of(claim, ellipsoid, &k, &mx, &mu))
+            .collect::<Result<_, _>>()?;
         Ok(Self {
             states: n,
             parameters,
@@ -188,6 +205,7 @@ impl System {
             closed_loop,
             drift,
             rows,
+            norms,
         })
     }
 
@@ -205,14 +223,18 @@ impl System {
             .fold(0.0, f64::max)
     }
 
-    /// δ of the row of θ ∈ λΘ of a constraint.
-    pub(super) fn static_slack(&self, i: usize, beta: &[f64]) -> f64 {
-        weighted(&self.rows[i].w_error, beta)
-    }
-
     /// Constraint i at steps 0, …, `last`.
     pub(super) fn along(&self, i: usize, last: usize, beta: &[f64]) -> Vec<StepRow> {
-        let row = &self.rows[i];
+        self.row_along(&self.rows[i], last, beta)
+    }
+
+    /// The components of an ellipsoid at steps 0, …, `last`.
+    pub(super) fn norm_along(&self, k: usize, last: usize, beta: &[f64]) -> Vec<Vec<StepRow>> {
+        let components = self.norms[k].components.iter();
+        components.map(|row| self.row_along(row, last, beta)).collect()
+    }
+
+    fn row_along(&self, row: &ConstraintRow, last: usize, beta: &[f64]) -> Vec<StepRow> {
         let room = row
             .room
             .iter()
@@ -260,6 +282,68 @@ impl System {
         }
         steps
     }
+}
+
+/// An ellipsoid of the file at step 0.
+fn norm_of(
+    claim: &Claim,
+    ellipsoid: &Ellipsoid,
+    k: &IntervalRows,
+    mx: &IntervalRows,
+    mu: &IntervalRows,
+) -> Result<Norm, VerifyError> {
+    let (n, m) = (claim.a.rows.len(), claim.b.columns);
+    let parameters = claim.state_basis.columns;
+    let name = &ellipsoid.name;
+    let q = ellipsoid.f.rows.len();
+    let f = checked(&format!("F of {name}"), &ellipsoid.f, q, n)?;
+    let g = checked(&format!("G of {name}"), &ellipsoid.g, q, m)?;
+    let centers = [&ellipsoid.center_state, &ellipsoid.center_input];
+    if q == 0
+        || centers[0].len() != n
+        || centers[1].len() != m
+        || centers.iter().any(|c| c.iter().any(|v| !v.is_finite()))
+    {
+        return Err(VerifyError::refused(format!("{name} is no ellipsoid of this plant")));
+    }
+    let e = combined(&f, &product(&g, k, n), 1.0, n);
+    let w = combined(
+        &product(&f, mx, parameters),
+        &product(&g, mu, parameters),
+        1.0,
+        parameters,
+    );
+    // h = F (x_op − x_c) + G (u_op − u_c); exactly 0 around the operating point.
+    let at = [&claim.operating_state, &claim.operating_input];
+    let mut offset = vec![Interval::ZERO; q];
+    for (side, matrix) in [&f, &g].into_iter().enumerate() {
+        for (h, row) in offset.iter_mut().zip(matrix) {
+            for &(j, v) in row {
+                let from = (at[side][j], centers[side][j]);
+                if from.0 != from.1 {
+                    let shift = Interval::exact(from.0).sub(Interval::exact(from.1));
+                    *h = h.add(v.mul(shift));
+                }
+            }
+        }
+    }
+    let components = e
+        .iter()
+        .zip(&w)
+        .map(|(e, w)| {
+            let (e, e_error) = split(e, 0);
+            let (w, w_error) = split(w, n);
+            ConstraintRow {
+                e,
+                w,
+                e_error,
+                w_error,
+                // A component is at most 1 in size; what is dropped from it is measured by that.
+                room: [Some(Interval::exact(1.0)); 2],
+            }
+        })
+        .collect();
+    Ok(Norm { components, offset })
 }
 
 /// Doubles near interval coefficients, and how far off they may be; columns moved by `shift`.

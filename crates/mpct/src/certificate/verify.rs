@@ -1,6 +1,7 @@
 //! The checker. It shares nothing with the search but the file.
 
-use super::document::{Document, FORMAT, Multiplier};
+use super::document::{ConeMultiplier, Document, FORMAT, Multiplier};
+use super::ellipsoids;
 use super::interval::{Accumulator, Interval, add_up, mul_up};
 use super::rows::{StepRow, System};
 use super::widths::{WidthRow, Widths};
@@ -39,7 +40,7 @@ impl VerifyError {
 
 /// A row of a support may exceed its bound by this, relatively, to count as spent "to a tolerance": the tolerance of
 /// the search, and the rounding of the check.
-const TOLERANCE: f64 = 2e-9;
+pub(super) const TOLERANCE: f64 = 2e-9;
 /// What was proved.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Verified {
@@ -51,10 +52,12 @@ pub struct Verified {
     pub smallest_margin: f64,
     /// The row with that margin.
     pub tightest_row: String,
-    /// Rows proved rigorously, and rows proved to a tolerance of 2e-9 of their bound.
+    /// Rows and ellipsoids proved rigorously, and those proved to a tolerance of 2e-9 of their bound.
     pub rows_rigorous: usize,
     /// See `rows_rigorous`.
     pub rows_to_tolerance: usize,
+    /// How many of them are ellipsoids.
+    pub ellipsoids: usize,
     /// Bound of the residual of (3), relative to the stage cost.
     pub lyapunov_residual: f64,
     /// Bound of the residual of the steady states, in units of the box; part of every proof.
@@ -92,8 +95,14 @@ impl fmt::Display for Verified {
         )?;
         writeln!(
             f,
-            "  - {} constraint rows are implied by the rows of the steps before them; smallest margin {:.3e} ({}).",
-            self.rows_rigorous, self.smallest_margin, self.tightest_row
+            "  - {} constraint rows{} are implied by those of the steps before them; smallest margin {:.3e} ({}).",
+            self.rows_rigorous - self.ellipsoids.min(self.rows_rigorous),
+            match self.ellipsoids {
+                0 => String::new(),
+                k => format!(" and {k} ellipsoids"),
+            },
+            self.smallest_margin,
+            self.tightest_row
         )?;
         if let Some(beyond) = self.witness {
             writeln!(
@@ -148,15 +157,18 @@ pub fn verify(text: &str, options: VerifyOptions) -> Result<Verified, VerifyErro
     let system = System::of(claim)?;
     let lyapunov_residual = lyapunov::check(claim, &system)?;
     let checker = Checker::new(&document, system)?;
-    let (rows, tolerated, smallest_margin, tightest) = checker.spent(&document)?;
+    let mut found = checker.spent(&document)?;
+    let rows = found.proofs;
+    found.join(ellipsoids::spent(&checker, &document)?);
     let witness = checker.witness(&document)?;
     Ok(Verified {
         problem: claim.problem.clone(),
         terminal_horizon: claim.terminal_horizon,
-        smallest_margin,
-        tightest_row: claim.constraints[tightest].name.clone(),
-        rows_rigorous: rows - tolerated,
-        rows_to_tolerance: tolerated,
+        smallest_margin: 1.0 - found.worst,
+        tightest_row: found.tightest,
+        rows_rigorous: found.proofs - found.tolerated,
+        rows_to_tolerance: found.tolerated,
+        ellipsoids: found.proofs - rows,
         lyapunov_residual,
         steady_state_residual: checker.system.largest_drift(&checker.beta),
         witness,
@@ -165,23 +177,82 @@ pub fn verify(text: &str, options: VerifyOptions) -> Result<Verified, VerifyErro
     })
 }
 
-struct Checker {
-    system: System,
+/// What was proved to be spent.
+pub(super) struct Spent {
+    /// Number of proofs, and of those that hold to a tolerance only.
+    pub(super) proofs: usize,
+    pub(super) tolerated: usize,
+    /// Largest support, relative to the bound, and the name of its constraint.
+    pub(super) worst: f64,
+    pub(super) tightest: String,
+}
+
+impl Spent {
+    pub(super) fn nothing() -> Self {
+        Self {
+            proofs: 0,
+            tolerated: 0,
+            worst: f64::NEG_INFINITY,
+            tightest: String::new(),
+        }
+    }
+
+    /// Takes a support in.
+    pub(super) fn add(&mut self, support: f64, name: &str) {
+        self.proofs += 1;
+        self.tolerated += usize::from(support > 1.0);
+        if support > self.worst {
+            self.worst = support;
+            self.tightest = name.into();
+        }
+    }
+
+    fn join(&mut self, other: Self) {
+        self.proofs += other.proofs;
+        self.tolerated += other.tolerated;
+        if other.worst > self.worst {
+            self.worst = other.worst;
+            self.tightest = other.tightest;
+        }
+    }
+}
+
+pub(super) struct Checker {
+    pub(super) system: System,
     /// Half widths of a box that is proved to hold O_0.
-    beta: Vec<f64>,
-    /// Each constraint at steps 0, …, M̃ + 1.
-    along: Vec<Vec<StepRow>>,
+    pub(super) beta: Vec<f64>,
+    /// Everything at steps 0, …, M̃ + 1.
+    pub(super) along: Along,
+}
+
+/// Constraints along the terminal law.
+pub(super) struct Along {
+    /// Constraint, step.
+    pub(super) rows: Vec<Vec<StepRow>>,
+    /// Ellipsoid, component, step.
+    pub(super) norms: Vec<Vec<Vec<StepRow>>>,
+}
+
+impl Along {
+    fn of(system: &System, last: usize, beta: &[f64]) -> Self {
+        let rows = (0..system.rows.len()).into_par_iter();
+        let norms = (0..system.norms.len()).into_par_iter();
+        Self {
+            rows: rows.map(|i| system.along(i, last, beta)).collect(),
+            norms: norms.map(|k| system.norm_along(k, last, beta)).collect(),
+        }
+    }
 }
 
 /// A bound on a linear form: at most `value` plus `slack` plus what the box allows of `rest`.
-struct Implied {
+pub(super) struct Implied {
     value: f64,
     slack: f64,
     rest: Vec<(usize, Interval)>,
 }
 
 impl Implied {
-    fn bound(&self, beta: &[f64]) -> f64 {
+    pub(super) fn bound(&self, beta: &[f64]) -> f64 {
         let of_rest =
             |s: f64, &(j, v): &(usize, Interval)| add_up(s, mul_up(v.magnitude(), beta[j]));
         self.rest
@@ -200,13 +271,15 @@ impl Checker {
                 "the box needs {d} positive half widths"
             )));
         }
-        let count = system.rows.len();
-        let at_zero: Vec<Vec<StepRow>> = (0..count).map(|i| system.along(i, 0, &beta)).collect();
+        let at_zero = Along::of(&system, 0, &beta);
         let mut widths = Widths::default();
         let mut sum = Accumulator::new(d);
         for (l, proof) in boxes.iter().enumerate() {
             let mut row = WidthRow::default();
-            for (sign, multipliers) in [(1.0, &proof.upper), (-1.0, &proof.lower)] {
+            for (sign, multipliers, cones) in [
+                (1.0, &proof.upper, &proof.upper_cones),
+                (-1.0, &proof.lower, &proof.lower_cones),
+            ] {
                 // sign/β_l is rounded, which the slack takes.
                 let form = [(l, Interval::exact(sign / beta[l]))];
                 let room = Interval::exact(1.0);
@@ -218,6 +291,7 @@ impl Checker {
                     &form,
                     room,
                     multipliers,
+                    cones,
                     0,
                 )?;
                 let weighed = |&(j, v): &(usize, Interval)| (j, mul_up(v.magnitude(), beta[j]));
@@ -240,6 +314,7 @@ impl Checker {
             .spent
             .iter()
             .map(|s| s.step)
+            .chain(document.proof.ellipsoids.iter().map(|e| e.step))
             .max()
             .unwrap_or(0);
         if named > last {
@@ -255,10 +330,7 @@ impl Checker {
                 "no row needs the terminal horizon that is claimed",
             ));
         }
-        let along = (0..count)
-            .into_par_iter()
-            .map(|i| system.along(i, last.min(named.max(1)), &beta))
-            .collect();
+        let along = Along::of(&system, last.min(named.max(1)), &beta);
         Ok(Self {
             system,
             beta,
@@ -266,9 +338,8 @@ impl Checker {
         })
     }
 
-    /// Every side of every constraint is spent at some step ≤ M̃ + 1: number of rows, of those proved to a tolerance
-    /// only, smallest margin and its constraint.
-    fn spent(&self, document: &Document) -> Result<(usize, usize, f64, usize), VerifyError> {
+    /// Every side of every constraint is spent at some step ≤ M̃ + 1.
+    fn spent(&self, document: &Document) -> Result<Spent, VerifyError> {
         let proofs = &document.proof.spent;
         let mut missing: Vec<[bool; 2]> = self
             .system
@@ -293,7 +364,7 @@ impl Checker {
             let name = &document.claim.constraints[i].name;
             return Err(VerifyError::refused(format!("{name} has no proof")));
         }
-        if proofs.is_empty() {
+        if proofs.is_empty() && self.system.norms.is_empty() {
             return Err(VerifyError::refused("there are no constraints"));
         }
         let supports: Vec<Result<f64, VerifyError>> = proofs
@@ -307,7 +378,7 @@ impl Checker {
                     if p.step == 0 || p.step > document.claim.terminal_horizon + 1 {
                         return Err(VerifyError::refused(format!("{name} is spent at step {}", p.step)));
                     }
-                    let at = &self.along[p.constraint][p.step];
+                    let at = &self.along.rows[p.constraint][p.step];
                     let sign = if p.upper { 1.0 } else { -1.0 };
                     let form: Vec<(usize, Interval)> = at
                         .e
@@ -323,6 +394,7 @@ impl Checker {
                         &form,
                         room,
                         &p.multipliers,
+                        &p.cones,
                         p.step - 1,
                     )?;
                     let bound = add_up(implied.bound(&self.beta), at.slack);
@@ -338,16 +410,11 @@ impl Checker {
                 },
             )
             .collect();
-        let (mut tolerated, mut worst, mut tightest) = (0, f64::NEG_INFINITY, 0);
+        let mut found = Spent::nothing();
         for (p, support) in proofs.iter().zip(supports) {
-            let support = support?;
-            tolerated += usize::from(support > 1.0);
-            if support > worst {
-                worst = support;
-                tightest = p.constraint;
-            }
+            found.add(support?, &document.claim.constraints[p.constraint].name);
         }
-        Ok((proofs.len(), tolerated, 1.0 - worst, tightest))
+        Ok(found)
     }
 
     /// The witness lies in the set of M̃ − 1 steps and breaks a constraint at step M̃; by how much.
@@ -384,9 +451,9 @@ impl Checker {
             })
         };
         // In λΘ, and then step by step: the slack of a step is valid once the steps before it are.
-        for (i, row) in self.system.rows.iter().enumerate() {
+        for row in &self.system.rows {
             let w = value(&row.w);
-            let slack = self.system.static_slack(i, &self.beta);
+            let slack = row.static_slack(&self.beta);
             for (upper, at) in [(true, w.hi), (false, -w.lo)] {
                 let Some(room) = row.room(upper) else {
                     continue;
@@ -399,7 +466,7 @@ impl Checker {
         }
         for step in 0..horizon {
             for (i, row) in self.system.rows.iter().enumerate() {
-                let at = &self.along[i][step];
+                let at = &self.along.rows[i][step];
                 let v = value(&at.e).add(value(&row.w));
                 for (upper, at_most) in [(true, v.hi), (false, -v.lo)] {
                     let Some(room) = row.room(upper) else {
@@ -422,7 +489,7 @@ impl Checker {
         let room = row
             .room(witness.upper)
             .ok_or_else(|| VerifyError::refused("the witness names no row"))?;
-        let at = &self.along[witness.constraint][horizon];
+        let at = &self.along.rows[witness.constraint][horizon];
         let v = value(&at.e).add(value(&row.w));
         let least = if witness.upper { v.lo } else { -v.hi };
         let beyond = ((least - at.slack).next_down() / room.hi).next_down() - 1.0;
@@ -436,16 +503,17 @@ impl Checker {
     }
 }
 
-/// Bounds a linear form by rows of steps up to `last`. `room` is the room of the form, by which multipliers are scaled.
+/// Bounds a linear form by rows and ellipsoids of steps up to `last`. `room` is the room of the form, by which multipliers are scaled.
 #[allow(clippy::too_many_arguments)]
-fn implied(
+pub(super) fn implied(
     system: &System,
-    along: &[Vec<StepRow>],
+    along: &Along,
     beta: &[f64],
     sum: &mut Accumulator,
     form: &[(usize, Interval)],
     room: Interval,
     multipliers: &[Multiplier],
+    cones: &[ConeMultiplier],
     last: usize,
 ) -> Result<Implied, VerifyError> {
     form.iter().for_each(|&(j, v)| sum.add(j, v));
@@ -470,9 +538,9 @@ fn implied(
             .iter()
             .for_each(|&(j, v)| sum.add(j, Interval::exact(v).times(signed)));
         let (bound, error) = match step {
-            None => (mul_up(system.scaling, own.hi), system.static_slack(i, beta)),
+            None => (mul_up(system.scaling, own.hi), row.static_slack(beta)),
             Some(s) => {
-                let at = &along[i][s];
+                let at = &along.rows[i][s];
                 at.e.iter()
                     .for_each(|&(j, v)| sum.add(j, Interval::exact(v).times(signed)));
                 (own.hi, at.slack)
@@ -480,6 +548,11 @@ fn implied(
         };
         value = add_up(value, mul_up(factor, bound));
         slack = add_up(slack, mul_up(factor, error));
+    }
+    for cone in cones {
+        let (bound, error) = ellipsoids::subtract(system, along, beta, sum, room, cone, last)?;
+        value = add_up(value, bound);
+        slack = add_up(slack, error);
     }
     Ok(Implied {
         value,

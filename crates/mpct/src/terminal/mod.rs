@@ -14,7 +14,7 @@ mod support;
 mod tests;
 
 pub use explicit_set::MaximalAdmissibleSet;
-pub(crate) use conic::{ConicMultiplier, ConicProofs, DirectionProof, NormSpent};
+pub(crate) use conic::ConicMultiplier;
 pub(crate) use proofs::Proofs;
 pub(crate) use support::RowId;
 

@@ -11,8 +11,8 @@ mod proofs;
 mod search;
 mod spent;
 
-pub(crate) use proofs::{ConicMultiplier, ConicProofs, DirectionProof, NormSpent};
-pub(super) use search::{Found, search};
+pub(crate) use proofs::ConicMultiplier;
+pub(super) use search::search;
 
 use crate::error::DesignError;
 use crate::linalg::{self, Dense};
