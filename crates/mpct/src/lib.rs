@@ -23,14 +23,15 @@ mod steady_state;
 pub mod terminal;
 
 pub use control::{
-    AdmissibleSetPoint, CondensedCone, CondensedQp, Controller, ImplicitTerminalCost, SetPoint, Step, StepStatus,
+    AdmissibleSetPoint, CondensedCone, CondensedQp, Controller, ImplicitTerminalCost, SetPoint,
+    Step, StepStatus,
 };
 pub use error::{DesignError, StepError};
 pub use matrix::{Matrix, SparseMatrix};
 pub use problem::file::{FileError, ProblemFile};
 pub use problem::{
-    Constraints, Ellipsoid, EllipsoidShape, Formulation, Labels, NoTerminalConstraint, NormConstraint, OperatingPoint, Plant, Problem,
-    RowSource, Task, TerminalCost, Weight, Weights,
+    Constraints, Ellipsoid, EllipsoidShape, Formulation, Labels, NoTerminalConstraint,
+    NormConstraint, OperatingPoint, Plant, Problem, RowSource, Task, TerminalCost, Weight, Weights,
 };
 pub use simulation::{
     Disturbance, Run, RunStep, ScheduledSetPoint, Simulation, SimulationError, Summary, simulate,

@@ -90,7 +90,11 @@ impl SteadyStates {
                 let mut point = (vec![0.0; n], vec![0.0; m]);
                 for &(j, v) in column.iter() {
                     let j = j as usize;
-                    if j < n { point.0[j] = v } else { point.1[j - n] = v }
+                    if j < n {
+                        point.0[j] = v
+                    } else {
+                        point.1[j - n] = v
+                    }
                 }
                 let linear = (0..bound.dimension())
                     .map(|k| bound.f.row_dot(k, &point.0) + bound.g.row_dot(k, &point.1));

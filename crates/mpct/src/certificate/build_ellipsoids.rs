@@ -53,7 +53,10 @@ pub(super) fn proof(
         .collect()
     };
     let cones = |list: &ConicMultiplier| -> Vec<ConeMultiplier> {
-        let kept = list.norms.iter().filter(|m| norm(&m.2) > SMALLEST_MULTIPLIER);
+        let kept = list
+            .norms
+            .iter()
+            .filter(|m| norm(&m.2) > SMALLEST_MULTIPLIER);
         kept.map(|(k, step, w)| (*k, *step, w.iter().map(|w| w * scale(*step)).collect()))
             .collect()
     };

@@ -65,11 +65,15 @@ pub(super) fn subtract(
         shift = shift.add(norm.offset[j].times(-w));
     }
     let scale = if step.is_some() { 1.0 } else { system.scaling };
-    let bound = Interval::exact(size.sqrt().next_up()).add(shift).times(scale);
+    let bound = Interval::exact(size.sqrt().next_up())
+        .add(shift)
+        .times(scale);
     if bound.hi.is_finite() && slack.is_finite() {
         Ok((bound.hi, slack))
     } else {
-        Err(VerifyError::refused("a multiplier of an ellipsoid is too large"))
+        Err(VerifyError::refused(
+            "a multiplier of an ellipsoid is too large",
+        ))
     }
 }
 
@@ -88,13 +92,19 @@ pub(super) fn spent(checker: &Checker, document: &Document) -> Result<Spent, Ver
         }
     }
     if let Some(k) = missing.iter().position(|m| *m) {
-        return Err(VerifyError::refused(format!("{} has no proof", claimed[k].name)));
+        return Err(VerifyError::refused(format!(
+            "{} has no proof",
+            claimed[k].name
+        )));
     }
     let mut found = Spent::nothing();
     for p in &document.proof.ellipsoids {
         let name = &claimed[p.ellipsoid].name;
         if p.step == 0 || p.step > document.claim.terminal_horizon + 1 {
-            return Err(VerifyError::refused(format!("{name} is spent at step {}", p.step)));
+            return Err(VerifyError::refused(format!(
+                "{name} is spent at step {}",
+                p.step
+            )));
         }
         let largest = largest_norm(checker, p)?;
         if !(largest <= 1.0 + TOLERANCE) {
@@ -115,7 +125,9 @@ fn largest_norm(checker: &Checker, p: &EllipsoidProof) -> Result<f64, VerifyErro
     let q = norm.components.len();
     let fits = |d: &[i64]| d.len() == q && d.iter().all(|v| v.abs() <= LARGEST);
     if !p.supports.iter().all(|s| fits(&s.direction)) {
-        return Err(VerifyError::refused("a direction does not fit its ellipsoid"));
+        return Err(VerifyError::refused(
+            "a direction does not fit its ellipsoid",
+        ));
     }
     let bounds: Vec<Result<f64, VerifyError>> = p
         .supports
@@ -129,10 +141,12 @@ fn largest_norm(checker: &Checker, p: &EllipsoidProof) -> Result<f64, VerifyErro
                 for (j, component) in norm.components.iter().enumerate() {
                     let d = support.direction[j] as f64;
                     let at = &checker.along.norms[p.ellipsoid][j][p.step];
-                    at.e.iter().for_each(|&(l, v)| own.add(l, Interval::exact(v).times(d)));
+                    at.e.iter()
+                        .for_each(|&(l, v)| own.add(l, Interval::exact(v).times(d)));
                     if !p.split {
                         let w = &component.w;
-                        w.iter().for_each(|&(l, v)| own.add(l, Interval::exact(v).times(d)));
+                        w.iter()
+                            .for_each(|&(l, v)| own.add(l, Interval::exact(v).times(d)));
                         shift = shift.add(norm.offset[j].times(d));
                     }
                     slack = add_up(slack, mul_up(d.abs(), at.slack));
@@ -148,7 +162,10 @@ fn largest_norm(checker: &Checker, p: &EllipsoidProof) -> Result<f64, VerifyErro
                     &support.cones,
                     p.step - 1,
                 )?;
-                Ok(add_up(add_up(implied.bound(&checker.beta), slack), shift.hi))
+                Ok(add_up(
+                    add_up(implied.bound(&checker.beta), slack),
+                    shift.hi,
+                ))
             },
         )
         .collect();
@@ -160,7 +177,11 @@ fn largest_norm(checker: &Checker, p: &EllipsoidProof) -> Result<f64, VerifyErro
     if p.split {
         let h = size(&norm.offset);
         // λ + (1 − λ)‖h‖ for tracking, ‖h‖ for regulation.
-        let taken = if system.parameters > 0 { system.scaling } else { 0.0 };
+        let taken = if system.parameters > 0 {
+            system.scaling
+        } else {
+            0.0
+        };
         let rest = mul_up((1.0 - taken).next_up(), h);
         return Ok(add_up(in_box, add_up(taken, rest)));
     }
@@ -231,16 +252,18 @@ impl Wedge {
             for row in &mut inverse {
                 row[a] = row[a].checked_sub(row[b]).filter(|v| v.abs() <= LARGEST)?;
             }
-            Some(Self { directions, inverse })
+            Some(Self {
+                directions,
+                inverse,
+            })
         };
         Some([part(i, j)?, part(j, i)?])
     }
 
     /// The two directions with the widest angle whose sum is known, and the sum.
     fn widest_cut(&self, known: &HashMap<&[i64], f64>) -> Option<(usize, usize, Vec<i64>)> {
-        let dot = |a: &[i64], b: &[i64]| -> f64 {
-            a.iter().zip(b).map(|(x, y)| (*x * *y) as f64).sum()
-        };
+        let dot =
+            |a: &[i64], b: &[i64]| -> f64 { a.iter().zip(b).map(|(x, y)| (*x * *y) as f64).sum() };
         let mut best: Option<(f64, (usize, usize, Vec<i64>))> = None;
         for i in 0..self.directions.len() {
             for j in i + 1..self.directions.len() {
@@ -268,7 +291,10 @@ fn walk(q: usize, known: &HashMap<&[i64], f64>) -> Result<f64, VerifyError> {
             };
             let directions: Vec<Vec<i64>> = (0..q).map(axis).collect();
             // A diagonal of signs is its own inverse.
-            Wedge { inverse: directions.clone(), directions }
+            Wedge {
+                inverse: directions.clone(),
+                directions,
+            }
         })
         .collect();
     let (mut largest, mut count) = (0.0_f64, 0);

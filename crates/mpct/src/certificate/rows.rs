@@ -231,7 +231,9 @@ impl System {
     /// The components of an ellipsoid at steps 0, …, `last`.
     pub(super) fn norm_along(&self, k: usize, last: usize, beta: &[f64]) -> Vec<Vec<StepRow>> {
         let components = self.norms[k].components.iter();
-        components.map(|row| self.row_along(row, last, beta)).collect()
+        components
+            .map(|row| self.row_along(row, last, beta))
+            .collect()
     }
 
     fn row_along(&self, row: &ConstraintRow, last: usize, beta: &[f64]) -> Vec<StepRow> {
@@ -304,7 +306,9 @@ fn norm_of(
         || centers[1].len() != m
         || centers.iter().any(|c| c.iter().any(|v| !v.is_finite()))
     {
-        return Err(VerifyError::refused(format!("{name} is no ellipsoid of this plant")));
+        return Err(VerifyError::refused(format!(
+            "{name} is no ellipsoid of this plant"
+        )));
     }
     let e = combined(&f, &product(&g, k, n), 1.0, n);
     let w = combined(

@@ -35,7 +35,11 @@ pub(crate) fn condense_cones(
     );
     let (mut cones, mut origin) = (Vec::new(), Vec::new());
     for (k, bound) in problem.norms().iter().enumerate() {
-        let (f, g, q) = (linalg::dense(&bound.f), linalg::dense(&bound.g), bound.dimension());
+        let (f, g, q) = (
+            linalg::dense(&bound.f),
+            linalg::dense(&bound.g),
+            bound.dimension(),
+        );
         let w = &f * &mx + &g * &mu;
         let spent = ingredients.spent_norm_step(k);
         // (F + G K)(A + B K)ᵗ for t = 0, …, N + spent − 1.
@@ -65,12 +69,19 @@ pub(crate) fn condense_cones(
             origin.push(if step < horizon {
                 RowOrigin::Stage { row: k, step }
             } else {
-                RowOrigin::Terminal { row: k, step: power }
+                RowOrigin::Terminal {
+                    row: k,
+                    step: power,
+                }
             });
         }
         if parameters > 0 && linalg::max_abs(w.as_ref()) > 0.0 {
             let mut map = Dense::zeros(q, theta + parameters);
-            put(&mut map, theta, &(&w * faer::Scale(1.0 / problem.scaling())));
+            put(
+                &mut map,
+                theta,
+                &(&w * faer::Scale(1.0 / problem.scaling())),
+            );
             cones.push(ProgramCone {
                 map,
                 from_state: Dense::zeros(q, n),
@@ -82,7 +93,8 @@ pub(crate) fn condense_cones(
     Ok((cones, origin))
 }
 
-fn refuse_other_than_implicit(formulation: Formulation) -> Result<(), DesignError> {
+/// With ellipsoids only the implicit formulation has its guarantees.
+pub(super) fn refuse_other_than_implicit(formulation: Formulation) -> Result<(), DesignError> {
     let found = match formulation {
         Formulation::Implicit => return Ok(()),
         Formulation::Explicit => "\"explicit\": the terminal set is no polytope with ellipsoids",

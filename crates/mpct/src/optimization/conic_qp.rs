@@ -22,7 +22,13 @@ const ACCEPTED: f64 = 1e-8;
 /// A proof of infeasibility must exclude every solution below this norm, in units in which right-hand sides are one.
 const FARKAS_RADIUS: f64 = 1e6;
 /// Newton steps of the polish; each doubles the number of right digits.
-const POLISH_STEPS: usize = 8;
+const POLISH_STEPS: usize = 12;
+/// Exchanges of active rows and cones in the polish.
+const EXCHANGES: usize = 40;
+/// A scaled row or cone that is violated by more than this becomes active in the polish.
+const VIOLATED: f64 = 1e-12;
+/// Proximal term of the multipliers in the polish, where rows have unit norm; Newton's steps remove its effect.
+const PROXIMAL: f64 = 1e-12;
 
 /// A family of programs.
 #[derive(Clone, Debug)]
@@ -61,6 +67,21 @@ struct Point {
     v: Vec<f64>,
     y: Vec<f64>,
     w: Vec<Vec<f64>>,
+}
+
+/// How the interior-point method ended.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Status {
+    Ended,
+    /// By a limit of the caller.
+    CutShort,
+    Infeasible,
+}
+
+struct Attempt {
+    status: Status,
+    iterations: usize,
+    point: Point,
 }
 
 /// f, b and t_k of the scaled program.
@@ -106,7 +127,18 @@ impl ConicQp {
             })
             .collect();
         let a = stacked(&rows, &scaled);
-        Ok(Self { h, g, maps, radii, factor, rows, row_scale, scaled, cone_scale, a })
+        Ok(Self {
+            h,
+            g,
+            maps,
+            radii,
+            factor,
+            rows,
+            row_scale,
+            scaled,
+            cone_scale,
+            a,
+        })
     }
 
     /// The checked optimum for one f, b and t.
@@ -119,7 +151,46 @@ impl ConicQp {
     ) -> Result<ConicSolution, Failure> {
         let cones: Vec<Cone<'_>> = self.cones(offsets);
         let data = self.scale(f, b, offsets);
-        let unsolved = |iterations, residual| Failure::Unsolved { iterations, residual };
+        let (mut iterations, mut best) = (0, f64::INFINITY);
+        for plain in [false, true] {
+            let Some(attempt) = self.attempt(&data, plain, limits) else {
+                continue;
+            };
+            iterations += attempt.iterations;
+            if attempt.status == Status::Infeasible {
+                let (y, w) = self.multipliers(&attempt.point, 1.0);
+                let proof = conic_verify::farkas(&self.g, b, &cones, &y, &w);
+                if let Some(proof) = proof.filter(|p| p.radius >= FARKAS_RADIUS) {
+                    return Err(Failure::Infeasible(proof));
+                }
+                continue;
+            }
+            let is_cut_short = attempt.status == Status::CutShort;
+            let polished = (!is_cut_short)
+                .then(|| self.polish(&data, &attempt.point))
+                .flatten();
+            for point in [polished, Some(attempt.point)].into_iter().flatten() {
+                let z = self.unscaled(&point.v, data.size);
+                let (y, w) = self.multipliers(&point, data.size);
+                let residuals = conic_verify::residuals(&self.h, f, &self.g, b, &cones, &z, &y, &w);
+                if residuals.within(ACCEPTED) {
+                    return Ok(ConicSolution { z, iterations });
+                }
+                best = best.min(residuals.largest());
+            }
+            if is_cut_short {
+                break;
+            }
+        }
+        Err(Failure::Unsolved {
+            iterations,
+            residual: best,
+        })
+    }
+
+    /// One run of the interior-point method: on the least-distance problem, or (`plain`) in the variables as they are, which
+    /// suits costs that are nearly flat in some directions. The point is that of the least-distance problem.
+    fn attempt(&self, data: &Scaled, plain: bool, limits: ConicLimits) -> Option<Attempt> {
         let settings = DefaultSettings {
             verbose: false,
             presolve_enable: false,
@@ -127,12 +198,14 @@ impl ConicQp {
             tol_gap_abs: SOLVER_TOLERANCE,
             tol_gap_rel: SOLVER_TOLERANCE,
             tol_feas: SOLVER_TOLERANCE,
-            max_iter: limits.iterations.map_or(DefaultSettings::<f64>::default().max_iter, |i| i),
+            max_iter: limits
+                .iterations
+                .unwrap_or(DefaultSettings::<f64>::default().max_iter),
             time_limit: limits.time.map_or(f64::INFINITY, |t| t.as_secs_f64()),
             ..DefaultSettings::default()
         };
         let mut right = data.b.clone();
-        let mut kinds: Vec<SupportedConeT<f64>> = Vec::with_capacity(1 + cones.len());
+        let mut kinds: Vec<SupportedConeT<f64>> = Vec::with_capacity(1 + self.scaled.len());
         if !right.is_empty() {
             kinds.push(NonnegativeConeT(right.len()));
         }
@@ -141,35 +214,43 @@ impl ConicQp {
             right.extend(offset);
             kinds.push(SecondOrderConeT(1 + offset.len()));
         }
-        let hessian = CscMatrix::identity(f.len());
-        let mut solver =
-            DefaultSolver::new(&hessian, &data.f, &self.a, &right, &kinds, settings)
-                .map_err(|_| unsolved(0, f64::INFINITY))?;
-        solver.solve();
-        let solution = &solver.solution;
-        let iterations = solution.iterations as usize;
-        let point = self.point(&solution.x, &solution.z);
-        if matches!(
-            solution.status,
-            SolverStatus::PrimalInfeasible | SolverStatus::AlmostPrimalInfeasible
-        ) {
-            let (y, w) = self.multipliers(&point, 1.0);
-            return match conic_verify::farkas(&self.g, b, &cones, &y, &w) {
-                Some(proof) if proof.radius >= FARKAS_RADIUS => Err(Failure::Infeasible(proof)),
-                _ => Err(unsolved(iterations, f64::INFINITY)),
-            };
-        }
-        let mut best = f64::INFINITY;
-        for point in [self.polish(&data, &point), Some(point)].into_iter().flatten() {
-            let z = self.unscaled(&point.v, data.size);
-            let (y, w) = self.multipliers(&point, data.size);
-            let residuals = conic_verify::residuals(&self.h, f, &self.g, b, &cones, &z, &y, &w);
-            if residuals.within(ACCEPTED) {
-                return Ok(ConicSolution { z, iterations });
-            }
-            best = best.min(residuals.largest());
-        }
-        Err(unsolved(iterations, best))
+        let nv = data.f.len();
+        let mut solver = if plain {
+            // v = Lᵀζ: rows S Lᵀ, cost ½ ζᵀHζ + (L f)ᵀζ, divided by the size of H.
+            let to_rows = |m: &Dense| m * self.factor.transpose();
+            let cones: Vec<Dense> = self.scaled.iter().map(to_rows).collect();
+            let scale = linalg::max_abs(self.h.as_ref()).recip();
+            let hessian = upper_triangle(&self.h, scale);
+            let linear = &self.factor * Dense::from_fn(nv, 1, |i, _| data.f[i] * scale);
+            let linear: Vec<f64> = linear.col(0).iter().copied().collect();
+            let a = stacked(&to_rows(&self.rows), &cones);
+            let mut solver =
+                DefaultSolver::new(&hessian, &linear, &a, &right, &kinds, settings).ok()?;
+            solver.solve();
+            let v = self.factor.transpose() * Dense::from_fn(nv, 1, |i, _| solver.solution.x[i]);
+            solver.solution.x = v.col(0).iter().copied().collect();
+            solver.solution.z.iter_mut().for_each(|z| *z /= scale);
+            solver
+        } else {
+            let hessian = CscMatrix::identity(nv);
+            let mut solver =
+                DefaultSolver::new(&hessian, &data.f, &self.a, &right, &kinds, settings).ok()?;
+            solver.solve();
+            solver
+        };
+        let solution = &mut solver.solution;
+        Some(Attempt {
+            status: match solution.status {
+                SolverStatus::PrimalInfeasible | SolverStatus::AlmostPrimalInfeasible => {
+                    Status::Infeasible
+                }
+                SolverStatus::MaxIterations if limits.iterations.is_some() => Status::CutShort,
+                SolverStatus::MaxTime => Status::CutShort,
+                _ => Status::Ended,
+            },
+            iterations: solution.iterations as usize,
+            point: self.point(&solution.x, &solution.z),
+        })
     }
 
     /// Largest violation of a row or cone.
@@ -179,26 +260,41 @@ impl ConicQp {
 
     fn cones<'a>(&'a self, offsets: &'a [Vec<f64>]) -> Vec<Cone<'a>> {
         let data = self.maps.iter().zip(offsets).zip(&self.radii);
-        data.map(|((map, offset), radius)| Cone { map, offset, radius: *radius }).collect()
+        data.map(|((map, offset), radius)| Cone {
+            map,
+            offset,
+            radius: *radius,
+        })
+        .collect()
     }
 
     /// The program is homogeneous: dividing everything by one number divides the answer by it, and the solver then works
     /// with numbers around one whatever the distance to the set-point.
     fn scale(&self, f: &[f64], b: &[f64], offsets: &[Vec<f64>]) -> Scaled {
         let mut scaled = Dense::from_fn(f.len(), 1, |i, _| f[i]);
-        self.factor.as_ref().solve_lower_triangular_in_place(scaled.as_mut());
+        self.factor
+            .as_ref()
+            .solve_lower_triangular_in_place(scaled.as_mut());
         let size = scaled.norm_max().max(1.0);
         let by = |s: f64| if s > 0.0 { s / size } else { 1.0 };
         let cone = |k: usize| by(self.cone_scale[k]);
         Scaled {
             f: scaled.col(0).iter().map(|v| v / size).collect(),
-            b: b.iter().zip(&self.row_scale).map(|(b, s)| b * by(*s)).collect(),
+            b: b.iter()
+                .zip(&self.row_scale)
+                .map(|(b, s)| b * by(*s))
+                .collect(),
             offsets: offsets
                 .iter()
                 .enumerate()
                 .map(|(k, t)| t.iter().map(|v| v * cone(k)).collect())
                 .collect(),
-            radii: self.radii.iter().enumerate().map(|(k, r)| r * cone(k)).collect(),
+            radii: self
+                .radii
+                .iter()
+                .enumerate()
+                .map(|(k, r)| r * cone(k))
+                .collect(),
             size,
         }
     }
@@ -227,101 +323,218 @@ impl ConicQp {
     /// z = L⁻ᵀ v.
     fn unscaled(&self, v: &[f64], size: f64) -> Vec<f64> {
         let mut z = Dense::from_fn(v.len(), 1, |i, _| v[i] * size);
-        self.factor.transpose().solve_upper_triangular_in_place(z.as_mut());
+        self.factor
+            .transpose()
+            .solve_upper_triangular_in_place(z.as_mut());
         z.col(0).iter().copied().collect()
     }
 
     /// The multipliers in the units of the program.
     fn multipliers(&self, point: &Point, size: f64) -> (Vec<f64>, Vec<Vec<f64>>) {
-        let y = point.y.iter().zip(&self.row_scale).map(|(y, s)| y * s * size).collect();
+        let y = point
+            .y
+            .iter()
+            .zip(&self.row_scale)
+            .map(|(y, s)| y * s * size)
+            .collect();
         let w = point.w.iter().zip(&self.cone_scale);
-        let w = w.map(|(w, s)| w.iter().map(|w| w * s * size).collect()).collect();
+        let w = w
+            .map(|(w, s)| w.iter().map(|w| w * s * size).collect())
+            .collect();
         (y, w)
     }
 
-    /// Newton's method on the conditions with the active rows as equations and the active cones as ½(‖a‖² − ρ²)/ρ = 0,
-    /// a = T v + t, w = μ a/ρ. `None` when the guess of what is active was wrong.
+    /// The answer on the rows and cones that are active: solve on them, drop the most negative multiplier, add the most
+    /// violated row or cone, until nothing changes. `None` when that does not end.
     fn polish(&self, data: &Scaled, from: &Point) -> Option<Point> {
-        let nv = data.f.len();
         let mut slack = data.b.clone();
         add_product(&mut slack, &self.rows, &from.v, -1.0);
-        let rows: Vec<usize> = (0..slack.len())
-            .filter(|&i| self.row_scale[i] > 0.0 && from.y[i] > slack[i].abs())
-            .collect();
-        let at = |k: usize, v: &[f64]| -> Vec<f64> {
-            let mut a = data.offsets[k].clone();
-            add_product(&mut a, &self.scaled[k], v, 1.0);
-            a
+        let mut guess = Active {
+            rows: (0..slack.len())
+                .filter(|&i| self.row_scale[i] > 0.0 && from.y[i] > slack[i].abs())
+                .map(|i| (i, from.y[i]))
+                .collect(),
+            cones: (0..self.scaled.len())
+                .filter(|&k| self.cone_scale[k] > 0.0)
+                .map(|k| (k, norm(&from.w[k])))
+                .filter(|&(k, mu)| mu > (data.radii[k] - norm(&self.at(data, k, &from.v))).abs())
+                .collect(),
+            v: from.v.clone(),
         };
-        let cones: Vec<usize> = (0..self.scaled.len())
-            .filter(|&k| self.cone_scale[k] > 0.0)
-            .filter(|&k| norm(&from.w[k]) > (data.radii[k] - norm(&at(k, &from.v))).abs())
-            .collect();
-        let (na, nc) = (rows.len(), cones.len());
-        let mut v = from.v.clone();
-        let mut y: Vec<f64> = rows.iter().map(|&i| from.y[i]).collect();
-        let mut mu: Vec<f64> = cones.iter().map(|&k| norm(&from.w[k])).collect();
+        for _ in 0..EXCHANGES {
+            let found = self.newton(data, guess.clone())?;
+            if guess.drop_negative(&found) {
+                continue;
+            }
+            guess = found;
+            let Some(worst) = self.most_violated(data, &guess.v) else {
+                return Some(guess.into_point(self, data));
+            };
+            let added = match worst {
+                Violated::Row(i) => insert(&mut guess.rows, i),
+                Violated::Cone(k) => insert(&mut guess.cones, k),
+            };
+            if !added {
+                return None;
+            }
+        }
+        None
+    }
+
+    /// T v + t.
+    fn at(&self, data: &Scaled, k: usize, v: &[f64]) -> Vec<f64> {
+        let mut a = data.offsets[k].clone();
+        add_product(&mut a, &self.scaled[k], v, 1.0);
+        a
+    }
+
+    fn most_violated(&self, data: &Scaled, v: &[f64]) -> Option<Violated> {
+        let mut over: Vec<f64> = data.b.iter().map(|b| -b).collect();
+        add_product(&mut over, &self.rows, v, 1.0);
+        let rows = over
+            .into_iter()
+            .enumerate()
+            .map(|(i, v)| (v, Violated::Row(i)));
+        let cones = (0..self.scaled.len()).map(|k| {
+            (
+                norm(&self.at(data, k, v)) - data.radii[k],
+                Violated::Cone(k),
+            )
+        });
+        rows.chain(cones)
+            .filter(|o| o.0 > VIOLATED)
+            .max_by(|a, b| a.0.total_cmp(&b.0))
+            .map(|o| o.1)
+    }
+
+    /// Newton's method on the conditions with active rows as equations and active cones as ½(‖a‖² − ρ²)/ρ = 0,
+    /// a = T v + t, w = μ a/ρ. The multipliers carry a small proximal term, which dependent rows need.
+    fn newton(&self, data: &Scaled, mut now: Active) -> Option<Active> {
+        let nv = data.f.len();
+        let (na, nc) = (now.rows.len(), now.cones.len());
         for _ in 0..POLISH_STEPS {
             let order = nv + na + nc;
             let mut jacobian = Dense::zeros(order, order);
             let mut right = Dense::zeros(order, 1);
             for i in 0..nv {
                 jacobian[(i, i)] = 1.0;
-                right[(i, 0)] = -(v[i] + data.f[i]);
+                right[(i, 0)] = -(now.v[i] + data.f[i]);
             }
-            for (c, &i) in rows.iter().enumerate() {
+            for (c, &(i, y)) in now.rows.iter().enumerate() {
                 let mut value = -data.b[i];
                 for j in 0..nv {
                     let g = self.rows[(i, j)];
                     jacobian[(nv + c, j)] = g;
                     jacobian[(j, nv + c)] = g;
-                    right[(j, 0)] -= g * y[c];
-                    value += g * v[j];
+                    right[(j, 0)] -= g * y;
+                    value += g * now.v[j];
                 }
                 right[(nv + c, 0)] = -value;
             }
-            for (c, &k) in cones.iter().enumerate() {
-                let (a, radius) = (at(k, &v), data.radii[k]);
+            for (c, &(k, mu)) in now.cones.iter().enumerate() {
+                let (a, radius) = (self.at(data, k, &now.v), data.radii[k]);
                 let t = &self.scaled[k];
-                let gram = t.transpose() * t * faer::Scale(mu[c] / radius);
+                let gram = t.transpose() * t * faer::Scale(mu / radius);
+                let at = nv + na + c;
                 for j in 0..nv {
                     let slope = t.col(j).iter().zip(&a).map(|(t, a)| t * a).sum::<f64>() / radius;
-                    jacobian[(nv + na + c, j)] = slope;
-                    jacobian[(j, nv + na + c)] = slope;
-                    right[(j, 0)] -= mu[c] * slope;
+                    jacobian[(at, j)] = slope;
+                    jacobian[(j, at)] = slope;
+                    right[(j, 0)] -= mu * slope;
                     for i in 0..nv {
                         jacobian[(i, j)] += gram[(i, j)];
                     }
                 }
-                right[(nv + na + c, 0)] = 0.5 * (radius - dot(&a, &a) / radius);
+                right[(at, 0)] = 0.5 * (radius - dot(&a, &a) / radius);
+            }
+            for i in nv..order {
+                jacobian[(i, i)] = -PROXIMAL;
             }
             let step = linalg::solve(&jacobian, &right);
             if !linalg::is_finite(&step) {
                 return None;
             }
-            v.iter_mut().enumerate().for_each(|(i, v)| *v += step[(i, 0)]);
-            y.iter_mut().enumerate().for_each(|(i, y)| *y += step[(nv + i, 0)]);
-            mu.iter_mut().enumerate().for_each(|(i, m)| *m += step[(nv + na + i, 0)]);
-            if step.norm_max() <= f64::EPSILON * (1.0 + norm(&v)) {
+            now.v
+                .iter_mut()
+                .enumerate()
+                .for_each(|(i, v)| *v += step[(i, 0)]);
+            let multipliers = now.rows.iter_mut().chain(&mut now.cones);
+            multipliers
+                .enumerate()
+                .for_each(|(i, m)| m.1 += step[(nv + i, 0)]);
+            if step.norm_max() <= f64::EPSILON * (1.0 + norm(&now.v)) {
                 break;
             }
         }
-        if y.iter().chain(&mu).any(|m| !(*m >= 0.0)) {
-            return None;
-        }
-        let mut point = Point {
-            y: vec![0.0; data.b.len()],
-            w: data.offsets.iter().map(|t| vec![0.0; t.len()]).collect(),
-            v,
-        };
-        for (&i, y) in rows.iter().zip(y) {
-            point.y[i] = y;
-        }
-        for (&k, mu) in cones.iter().zip(mu) {
-            point.w[k] = at(k, &point.v).iter().map(|a| mu * a / data.radii[k]).collect();
-        }
-        Some(point)
+        Some(now)
     }
+}
+
+/// A guess of what is active, with multipliers.
+#[derive(Clone)]
+struct Active {
+    rows: Vec<(usize, f64)>,
+    cones: Vec<(usize, f64)>,
+    v: Vec<f64>,
+}
+
+enum Violated {
+    Row(usize),
+    Cone(usize),
+}
+
+/// Adds an index without a multiplier yet; false when it is there.
+fn insert(list: &mut Vec<(usize, f64)>, index: usize) -> bool {
+    let new = list.iter().all(|e| e.0 != index);
+    if new {
+        list.push((index, 0.0));
+    }
+    new
+}
+
+impl Active {
+    /// Takes out what has the most negative multiplier in the answer; false when none has.
+    fn drop_negative(&mut self, found: &Self) -> bool {
+        let least = |list: &[(usize, f64)]| -> Option<(usize, f64)> {
+            let lowest = list.iter().enumerate().map(|(at, e)| (at, e.1));
+            lowest
+                .filter(|e| !(e.1 >= 0.0))
+                .min_by(|a, b| a.1.total_cmp(&b.1))
+        };
+        match (least(&found.rows), least(&found.cones)) {
+            (None, None) => return false,
+            (Some(row), Some(cone)) if row.1 <= cone.1 => self.rows.remove(row.0),
+            (Some(row), None) => self.rows.remove(row.0),
+            (_, Some(cone)) => self.cones.remove(cone.0),
+        };
+        true
+    }
+
+    fn into_point(self, qp: &ConicQp, data: &Scaled) -> Point {
+        let mut y = vec![0.0; data.b.len()];
+        let mut w: Vec<Vec<f64>> = data.offsets.iter().map(|t| vec![0.0; t.len()]).collect();
+        self.rows.iter().for_each(|e| y[e.0] = e.1);
+        for &(k, mu) in &self.cones {
+            let scale = mu / data.radii[k];
+            w[k] = qp.at(data, k, &self.v).iter().map(|a| a * scale).collect();
+        }
+        Point { v: self.v, y, w }
+    }
+}
+
+/// The upper triangle of a symmetric matrix, times a number.
+fn upper_triangle(h: &Dense, scale: f64) -> CscMatrix<f64> {
+    let (mut starts, mut indices, mut values) = (vec![0], Vec::new(), Vec::new());
+    for j in 0..h.ncols() {
+        for i in 0..=j {
+            if h[(i, j)] != 0.0 {
+                indices.push(i);
+                values.push(h[(i, j)] * scale);
+            }
+        }
+        starts.push(indices.len());
+    }
+    CscMatrix::new(h.nrows(), h.ncols(), starts, indices, values)
 }
 
 /// Rows, and for each cone an empty row for its radius and −T.
@@ -336,10 +549,16 @@ fn stacked(rows: &Dense, cones: &[Dense]) -> CscMatrix<f64> {
                 values.push(v);
             }
         };
-        rows.col(j).iter().enumerate().for_each(|(i, v)| push(i, *v));
+        rows.col(j)
+            .iter()
+            .enumerate()
+            .for_each(|(i, v)| push(i, *v));
         let mut at = p;
         for t in cones {
-            t.col(j).iter().enumerate().for_each(|(i, v)| push(at + 1 + i, -*v));
+            t.col(j)
+                .iter()
+                .enumerate()
+                .for_each(|(i, v)| push(at + 1 + i, -*v));
             at += 1 + t.nrows();
         }
         starts.push(indices.len());

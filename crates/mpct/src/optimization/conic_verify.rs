@@ -36,7 +36,10 @@ pub(crate) fn violation(g: &Dense, b: &[f64], cones: &[Cone<'_>], z: &[f64]) -> 
     let mut over: Vec<f64> = b.iter().map(|b| -b).collect();
     add_product(&mut over, g, z, 1.0);
     over.extend(cones.iter().map(|c| norm(&c.at(z)) - c.radius));
-    over.iter().fold(0.0, |a, &v| if v.is_nan() { f64::INFINITY } else { a.max(v) })
+    over.iter().fold(
+        0.0,
+        |a, &v| if v.is_nan() { f64::INFINITY } else { a.max(v) },
+    )
 }
 
 /// Residuals of (z, y, w).
@@ -104,7 +107,11 @@ pub(crate) fn farkas(
     }
     let gap = -value / total;
     let leak = leak.iter().fold(0.0_f64, |a, v| a.max(v.abs())) / total;
-    let radius = if leak > 0.0 { gap / leak } else { f64::INFINITY };
+    let radius = if leak > 0.0 {
+        gap / leak
+    } else {
+        f64::INFINITY
+    };
     (gap > 0.0 && !radius.is_nan()).then_some(Farkas { gap, radius })
 }
 
@@ -117,7 +124,11 @@ mod tests {
         // min ½‖z‖² − (3, 4)·z over the unit disc: z = (0.6, 0.8), w = 4 z.
         let (h, g) = (Dense::identity(2, 2), Dense::zeros(0, 2));
         let (map, offset) = (Dense::identity(2, 2), [0.0; 2]);
-        let cones = [Cone { map: &map, offset: &offset, radius: 1.0 }];
+        let cones = [Cone {
+            map: &map,
+            offset: &offset,
+            radius: 1.0,
+        }];
         let of = |z: [f64; 2], w: [f64; 2]| {
             residuals(&h, &[-3.0, -4.0], &g, &[], &cones, &z, &[], &[w.to_vec()])
         };
@@ -135,7 +146,11 @@ mod tests {
     #[test]
     fn a_disc_that_a_row_misses_is_proved_empty() {
         let (map, offset) = (Dense::identity(2, 2), [0.0; 2]);
-        let cones = [Cone { map: &map, offset: &offset, radius: 1.0 }];
+        let cones = [Cone {
+            map: &map,
+            offset: &offset,
+            radius: 1.0,
+        }];
         // x ≥ 1.5.
         let g = Dense::from_fn(1, 2, |_, j| if j == 0 { -1.0 } else { 0.0 });
         let proof = farkas(&g, &[-1.5], &cones, &[1.0], &[vec![1.0, 0.0]]).unwrap();

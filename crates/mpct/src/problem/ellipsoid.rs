@@ -232,6 +232,22 @@ impl Constraints {
         Ok(self)
     }
 
+    /// Adds the ellipsoids of other constraints on as many states and inputs.
+    ///
+    /// # Errors
+    /// [`DesignError::Shape`].
+    pub fn with_ellipsoids_of(mut self, other: &Self) -> Result<Self, DesignError> {
+        if (self.states(), self.inputs()) != (other.states(), other.inputs()) {
+            return Err(DesignError::Shape {
+                what: "the ellipsoids".into(),
+                expected: format!("{} states and {} inputs", self.states(), self.inputs()),
+                found: format!("{} and {}", other.states(), other.inputs()),
+            });
+        }
+        self.ellipsoids.extend_from_slice(&other.ellipsoids);
+        Ok(self)
+    }
+
     /// The ellipsoids.
     pub fn ellipsoids(&self) -> &[Ellipsoid] {
         &self.ellipsoids
@@ -321,7 +337,9 @@ mod tests {
 
     #[test]
     fn singular_matrices_are_cylinders() {
-        let c = Constraints::new(2, 1).state_ellipsoid(vec![0.0, 4.0]).unwrap();
+        let c = Constraints::new(2, 1)
+            .state_ellipsoid(vec![0.0, 4.0])
+            .unwrap();
         let norms = c.norms(&at(&[0.0; 2], &[0.0])).unwrap();
         assert_eq!(norms[0].dimension(), 1);
         let line = Matrix::from_rows(&[[1.0, 1.0], [1.0, 1.0]]);
@@ -344,6 +362,8 @@ mod tests {
         assert!(text(new().state_ellipsoid_around(1.0, vec![0.0])).contains("center"));
         let off = new().state_ellipsoid_around(1.0, vec![0.6, 0.8]).unwrap();
         let error = off.norms(&at(&[0.0; 2], &[0.0])).unwrap_err();
-        assert!(matches!(error, DesignError::OriginNotInterior { offset, .. } if offset.abs() < 1e-15));
+        assert!(
+            matches!(error, DesignError::OriginNotInterior { offset, .. } if offset.abs() < 1e-15)
+        );
     }
 }

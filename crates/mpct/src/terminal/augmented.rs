@@ -227,7 +227,11 @@ fn pair_up(c: &SparseMatrix, d: &SparseMatrix) -> Vec<Pair> {
             .chain(d.row(i).map(|(j, v)| (j + c.cols(), v)))
             .collect();
         let first = entries.iter().fold(0.0_f64, |a, e| {
-            if e.1.abs() > a.abs() * (1.0 + 1e-9) { e.1 } else { a }
+            if e.1.abs() > a.abs() * (1.0 + 1e-9) {
+                e.1
+            } else {
+                a
+            }
         });
         if first == 0.0 {
             return None;

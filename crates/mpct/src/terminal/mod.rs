@@ -13,8 +13,8 @@ mod support;
 #[cfg(test)]
 mod tests;
 
-pub use explicit_set::MaximalAdmissibleSet;
 pub(crate) use conic::ConicMultiplier;
+pub use explicit_set::MaximalAdmissibleSet;
 pub(crate) use proofs::Proofs;
 pub(crate) use support::RowId;
 

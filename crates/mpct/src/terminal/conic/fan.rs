@@ -180,7 +180,12 @@ mod tests {
 
     /// Supports of an ellipsoid {v : ‖S⁻¹ v‖ ≤ 1} are ‖Sᵀd‖; its largest norm is the largest singular value of S.
     fn ask(s: &[f64]) -> impl Fn(&Direction) -> f64 + '_ {
-        move |d| d.iter().zip(s).map(|(d, s)| *d as f64 * s).fold(0.0, f64::hypot)
+        move |d| {
+            d.iter()
+                .zip(s)
+                .map(|(d, s)| *d as f64 * s)
+                .fold(0.0, f64::hypot)
+        }
     }
 
     #[test]
@@ -204,7 +209,10 @@ mod tests {
             let sides: Vec<[f64; 2]> = (0..q).map(|k| [h(&axis(q, k, 1)); 2]).collect();
             if largest > 1.0 {
                 let found = is_within(&sides, 1.0, 500, |d| Asked::AtMost(h(d)));
-                assert!(matches!(found, Some(Bounded::No(b)) if b >= largest), "{s:?}");
+                assert!(
+                    matches!(found, Some(Bounded::No(b)) if b >= largest),
+                    "{s:?}"
+                );
             }
         }
     }

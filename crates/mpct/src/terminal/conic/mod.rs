@@ -17,7 +17,9 @@ pub(super) use search::search;
 use crate::error::DesignError;
 use crate::linalg::{self, Dense};
 use crate::lqr::TerminalLaw;
-use crate::optimization::{Ball, Body, BodyFailure, Multipliers, SupportValue, add_product, dot, norm};
+use crate::optimization::{
+    Ball, Body, BodyFailure, Multipliers, SupportValue, add_product, dot, norm,
+};
 use crate::problem::{Problem, Task};
 use crate::steady_state::SteadyStates;
 
@@ -139,7 +141,11 @@ impl ConicSystem {
                 out[j] = self.powers[step][(form, j)];
             }
         }
-        let scale = if step.is_some() { 1.0 } else { 1.0 / self.scaling };
+        let scale = if step.is_some() {
+            1.0
+        } else {
+            1.0 / self.scaling
+        };
         for t in 0..self.parameters {
             out[self.states + t] = self.equilibrium[(form, t)] * scale;
         }
@@ -317,7 +323,12 @@ impl Set {
     fn no_multipliers(&self) -> Multipliers {
         Multipliers {
             rows: vec![0.0; self.body.bounds.len()],
-            balls: self.body.balls.iter().map(|b| vec![0.0; b.offset.len()]).collect(),
+            balls: self
+                .body
+                .balls
+                .iter()
+                .map(|b| vec![0.0; b.offset.len()])
+                .collect(),
         }
     }
 }

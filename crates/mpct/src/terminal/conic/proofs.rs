@@ -47,7 +47,12 @@ impl TerminalIngredients {
         if system.bounded_from > 1 {
             return Err(failed("a coordinate is not bounded by the constraints of the first step alone, which a certificate needs".into()));
         }
-        let spent: Vec<usize> = self.spent.iter().chain(&self.spent_norms).copied().collect();
+        let spent: Vec<usize> = self
+            .spent
+            .iter()
+            .chain(&self.spent_norms)
+            .copied()
+            .collect();
         system.extend_to(self.terminal_horizon + 1);
         let d = system.dimension();
         let of_box = system.set(1, &spent);
@@ -79,7 +84,10 @@ impl TerminalIngredients {
             };
             let verdict = system.decide(question, &AtomicUsize::new(0));
             let Verdict::Spent(reason) = verdict else {
-                return Err(failed(format!("{} is not spent at step {step}", self.source(item))));
+                return Err(failed(format!(
+                    "{} is not spent at step {step}",
+                    self.source(item)
+                )));
             };
             let set = system.set(known, &spent);
             match reason {

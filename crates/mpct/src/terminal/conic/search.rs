@@ -1,7 +1,7 @@
 //! The terminal horizon: every row and ellipsoid is searched alone, by doubling and bisection.
 
-use super::spent::{Question, Verdict};
 use super::ConicSystem;
+use super::spent::{Question, Verdict};
 use crate::clock::Clock;
 use crate::error::DesignError;
 use crate::problem::{Problem, RowSource};
@@ -71,7 +71,12 @@ struct Open {
 
 impl Search<'_> {
     fn exact(mut self, system: &mut ConicSystem) -> Result<Found, DesignError> {
-        let start = |item| Open { item, low: 0, refuted: 0, support: f64::NAN };
+        let start = |item| Open {
+            item,
+            low: 0,
+            refuted: 0,
+            support: f64::NAN,
+        };
         let mut open: Vec<Open> = (0..system.items()).map(start).collect();
         let mut refuted = vec![0; system.items()];
         let last = self.options.max_horizon.saturating_add(1);
@@ -163,7 +168,15 @@ impl Search<'_> {
             });
         }
         let spent = &self.spent;
-        Ok(system.decide(Question { item, step, known, spent }, &self.programs))
+        Ok(system.decide(
+            Question {
+                item,
+                step,
+                known,
+                spent,
+            },
+            &self.programs,
+        ))
     }
 
     fn sufficient(self, system: &mut ConicSystem) -> Result<Found, DesignError> {
@@ -181,7 +194,12 @@ impl Search<'_> {
                     Verdict::NotSpent(value) => value,
                     Verdict::Undecided(bound) => bound,
                 };
-                refused = Some(Open { item, low: step, refuted: 0, support });
+                refused = Some(Open {
+                    item,
+                    low: step,
+                    refuted: 0,
+                    support,
+                });
                 first = item;
                 break;
             }

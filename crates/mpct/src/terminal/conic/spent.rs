@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// A support up to 1 + this counts as at most 1, as in the search over polytopes.
 pub(super) const SPENT_TOLERANCE: f64 = 1e-9;
 /// Supports that a fan may ask for besides the axes.
-const BUDGET: usize = 600;
+const BUDGET: usize = 240;
 /// Steps uphill from the best point that the axes found.
 const UPHILL: usize = 20;
 /// Uphill steps end when the norm grows less than this.
@@ -30,7 +30,10 @@ pub(super) enum Reason {
     /// One support.
     Row,
     /// Supports of the vector in these directions; of its e part alone when `split`.
-    Norm { split: bool, directions: Vec<Direction> },
+    Norm {
+        split: bool,
+        directions: Vec<Direction>,
+    },
 }
 
 /// A question: an item at a step, against the constraints of steps 0, …, `known` − 1.
@@ -88,17 +91,26 @@ impl ConicSystem {
     ) -> Verdict {
         let (first, q) = self.norms[k];
         let h = &self.offset[first..first + q];
-        let whole: Vec<Vec<f64>> = (first..first + q).map(|f| self.form(f, Some(step))).collect();
-        let moving: Vec<Vec<f64>> = (first..first + q).map(|f| self.transient(f, step)).collect();
+        let whole: Vec<Vec<f64>> = (first..first + q)
+            .map(|f| self.form(f, Some(step)))
+            .collect();
+        let moving: Vec<Vec<f64>> = (first..first + q)
+            .map(|f| self.transient(f, step))
+            .collect();
         let axes = || -> Vec<Direction> {
-            (0..q).flat_map(|k| [fan::axis(q, k, 1), fan::axis(q, k, -1)]).collect()
+            (0..q)
+                .flat_map(|k| [fan::axis(q, k, 1), fan::axis(q, k, -1)])
+                .collect()
         };
         let because = |split, directions| Verdict::Spent(Reason::Norm { split, directions });
         // Over the box alone: nothing else is needed where the e part has faded.
         let in_box = |form: &[f64]| form.iter().map(|v| v.abs()).sum::<f64>();
         let room = self.room(h);
-        let boxed: Vec<[f64; 2]> =
-            whole.iter().zip(h).map(|(f, h)| [in_box(f) + h, in_box(f) - h]).collect();
+        let boxed: Vec<[f64; 2]> = whole
+            .iter()
+            .zip(h)
+            .map(|(f, h)| [in_box(f) + h, in_box(f) - h])
+            .collect();
         if fan::corner(&boxed) <= 1.0 {
             return because(false, axes());
         }
@@ -150,7 +162,11 @@ impl ConicSystem {
 
     /// What is left for ‖F A_Kᵗ e‖ when θ ∈ λΘ: ‖Wθ + h‖ ≤ ‖Wθ + λh‖ + (1 − λ)‖h‖ ≤ λ + (1 − λ)‖h‖.
     fn room(&self, h: &[f64]) -> f64 {
-        let taken = if self.parameters > 0 { self.scaling } else { 0.0 };
+        let taken = if self.parameters > 0 {
+            self.scaling
+        } else {
+            0.0
+        };
         (1.0 - taken) * (1.0 - norm(h))
     }
 }
@@ -191,7 +207,11 @@ impl Asker<'_> {
         (0..q)
             .map(|k| {
                 let above = self.support(forms, &unit(k, 1.0));
-                let below = if symmetric { above } else { self.support(forms, &unit(k, -1.0)) };
+                let below = if symmetric {
+                    above
+                } else {
+                    self.support(forms, &unit(k, -1.0))
+                };
                 [above, below]
             })
             .collect()

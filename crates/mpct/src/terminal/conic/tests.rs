@@ -25,12 +25,26 @@ fn multipliers_prove_what_geometry_says() {
     let upper = proved(&body, &[1.0, 1.0], &value.multipliers);
     assert!(upper >= exact - 1e-14 && upper <= exact + 1e-8, "{upper}");
     // Worse multipliers prove less, never too little.
-    for (y, w) in [(0.0, [1.0, 1.0]), (1.0, [0.0, 1.0]), (0.3, [0.2, 0.9]), (0.0, [0.0, 0.0])] {
-        let multipliers = Multipliers { rows: vec![y], balls: vec![w.to_vec()] };
-        assert!(proved(&body, &[1.0, 1.0], &multipliers) >= exact, "{y} {w:?}");
+    for (y, w) in [
+        (0.0, [1.0, 1.0]),
+        (1.0, [0.0, 1.0]),
+        (0.3, [0.2, 0.9]),
+        (0.0, [0.0, 0.0]),
+    ] {
+        let multipliers = Multipliers {
+            rows: vec![y],
+            balls: vec![w.to_vec()],
+        };
+        assert!(
+            proved(&body, &[1.0, 1.0], &multipliers) >= exact,
+            "{y} {w:?}"
+        );
     }
     for y in [-0.1, f64::NAN] {
-        let multipliers = Multipliers { rows: vec![y], balls: vec![vec![1.0, 1.0]] };
+        let multipliers = Multipliers {
+            rows: vec![y],
+            balls: vec![vec![1.0, 1.0]],
+        };
         assert_eq!(proved(&body, &[1.0, 1.0], &multipliers), f64::INFINITY);
     }
 }
