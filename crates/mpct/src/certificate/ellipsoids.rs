@@ -264,20 +264,19 @@ impl Wedge {
     fn widest_cut(&self, known: &HashMap<&[i64], f64>) -> Option<(usize, usize, Vec<i64>)> {
         let dot =
             |a: &[i64], b: &[i64]| -> f64 { a.iter().zip(b).map(|(x, y)| (*x * *y) as f64).sum() };
-        let mut best: Option<(f64, (usize, usize, Vec<i64>))> = None;
+        let (mut widest, mut cut) = (f64::INFINITY, None);
         for i in 0..self.directions.len() {
             for j in i + 1..self.directions.len() {
                 let (a, b) = (&self.directions[i], &self.directions[j]);
                 let sum: Vec<i64> = a.iter().zip(b).map(|(x, y)| x + y).collect();
                 let cosine = dot(a, b) / (dot(a, a) * dot(b, b)).sqrt();
-                if known.contains_key(sum.as_slice())
-                    && best.as_ref().is_none_or(|best| cosine < best.0)
-                {
-                    best = Some((cosine, (i, j, sum)));
+                if cosine < widest && known.contains_key(sum.as_slice()) {
+                    widest = cosine;
+                    cut = Some((i, j, sum));
                 }
             }
         }
-        best.map(|b| b.1)
+        cut
     }
 }
 
