@@ -260,6 +260,8 @@ impl PyProblem {
                 None => self.mixed(py)?.into_pyobject(py)?.into_any(),
             };
             parts::constraints(py, &plant, Some(&state), Some(&input), Some(&mixed))?
+                .with_ellipsoids_of(old.constraints())
+                .map_err(|e| errors::design(py, &e))?
         };
         let mut choices = Choices::of(old);
         if let Some(horizon) = horizon {

@@ -61,6 +61,7 @@ pub struct DesignNumbers {
     pub linear_programs: usize,
     pub seconds: f64,
     pub constraint_rows: usize,
+    pub ellipsoids: usize,
     /// Q, R and O in words.
     pub weights: String,
     /// The first step at which each constraint row is spent, the row in words.

@@ -49,6 +49,7 @@ fn synthetic(n: usize, m: usize, steps: usize) -> ReportData {
         linear_programs: 812,
         seconds: 0.31,
         constraint_rows: 2 * (n + m),
+        ellipsoids: 0,
         weights: "Q = 10 I, R = 100 I, O = 1e6 I".into(),
         spent: (0..n + m)
             .flat_map(|i| {
