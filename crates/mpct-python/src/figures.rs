@@ -13,7 +13,7 @@ use mpct::analysis::reproduce::{Extent, reproduce as run_reproduction};
 use mpct::analysis::{self, Performance};
 use mpct::certificate::{self, VerifyOptions};
 use mpct::{ProblemFile, SetPoint, cases};
-use mpct_report::{Choice, REPRODUCTION_FILES, Report, reproduction_files};
+use mpct_report::{REPRODUCTION_FILES, ReportData, choose, picture, render, reproduction_files};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::path::Path;
@@ -170,13 +170,13 @@ pub fn _report(
             ));
         }
     }
-    let report = || Report::new(ingredients, &run, disturbed);
+    let report = || ReportData::new(ingredients, &run).with_disturbance(disturbed);
     match signals {
-        None => Ok(fork::detached(py, || report().page())),
+        None => Ok(fork::detached(py, || render(&report()))),
         Some(names) => {
-            let choice = Choice::of(ingredients.problem(), &names)
+            let choice = choose(ingredients.problem(), &names)
                 .map_err(|e| errors::argument(py, "signals", "names of states and inputs", &e))?;
-            Ok(fork::detached(py, || report().picture(&choice)))
+            Ok(fork::detached(py, || picture(&report(), &choice)))
         }
     }
 }

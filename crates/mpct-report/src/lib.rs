@@ -1,7 +1,10 @@
-//! The report of a closed loop: one HTML page with its plots inside, for people. It needs no network.
+//! The report of a closed loop: one HTML page with its plots inside, for people.
 //!
-//! The plots are SVG written here: with classes instead of colours, one style sheet serves light, dark and printed pages.
-//! Nothing here writes a file; the command and the Python package do.
+//! [`ReportData`] is plain data; [`render`] draws it. The plots are SVG written here: with classes instead of
+//! colours, one style sheet serves light, dark and printed pages.
+
+// A part of the workspace: names that say all have no comment.
+#![allow(missing_docs)]
 
 mod axis;
 mod closed_loop;
@@ -13,47 +16,16 @@ mod panel;
 mod paper;
 mod picture;
 mod plane;
-mod reproduction;
 mod svg;
 mod tables;
 #[cfg(test)]
 mod tests;
 
-pub use picture::Choice;
-pub use reproduction::{REPRODUCTION_FILES, reproduction_files};
+pub use data::ReportData;
+pub use page::render;
+pub use paper::reproduction_page;
+pub use picture::{choose, picture};
 
-use data::ReportData;
-use mpct::{Run, TerminalIngredients};
+mod reproduction;
 
-/// What is reported of a closed loop and of the design behind it.
-///
-/// ```
-/// use mpct::{Controller, DesignOptions, TerminalIngredients};
-/// let file = mpct::cases::academic();
-/// let ingredients = TerminalIngredients::design(&file.problem, &DesignOptions::default())?;
-/// let mut controller = Controller::new(ingredients.clone())?;
-/// let run = mpct::simulate(&mut controller, file.simulation.as_ref().unwrap(), None)?;
-/// let report = mpct_report::Report::new(&ingredients, &run, false);
-/// assert!(report.page().starts_with("<!DOCTYPE html>"));
-/// # Ok::<(), Box<dyn std::error::Error>>(())
-/// ```
-#[derive(Clone, Debug)]
-pub struct Report(ReportData);
-
-impl Report {
-    /// Of a run and the design of its controller. `disturbed` says that a disturbance acted: the cost need not decrease
-    /// then.
-    pub fn new(ingredients: &TerminalIngredients, run: &Run, disturbed: bool) -> Self {
-        Self(ReportData::new(ingredients, run).with_disturbance(disturbed))
-    }
-
-    /// The page, as HTML.
-    pub fn page(&self) -> String {
-        page::render(&self.0)
-    }
-
-    /// Some states and inputs in one SVG file.
-    pub fn picture(&self, choice: &Choice) -> String {
-        picture::picture(&self.0, choice)
-    }
-}
+pub use reproduction::{REPRODUCTION_FILES, machine, reproduction_files, table_1, table_2};

@@ -12,21 +12,9 @@ use std::fmt::Write;
 /// Space for the legend.
 const LEGEND: f64 = 34.0;
 
-/// States and inputs of a problem.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Choice(pub(crate) Vec<(Kind, usize)>);
-
-impl Choice {
-    /// Those with the given names; the first four states and two inputs when no name is given.
-    ///
-    /// # Errors
-    /// A message that lists the known names when a name is not known.
-    pub fn of(problem: &Problem, names: &[String]) -> Result<Self, String> {
-        chosen(problem, names).map(Self)
-    }
-}
-
-fn chosen(problem: &Problem, names: &[String]) -> Result<Vec<(Kind, usize)>, String> {
+/// The states and inputs with the given names; the first four states and two inputs when no name is given. A message
+/// when a name is not known.
+pub fn choose(problem: &Problem, names: &[String]) -> Result<Vec<(Kind, usize)>, String> {
     let (states, inputs) = problem_signals(problem);
     if names.is_empty() {
         let first = |kind: Kind, n: usize| (0..n).map(move |i| (kind, i));
@@ -58,9 +46,8 @@ fn chosen(problem: &Problem, names: &[String]) -> Result<Vec<(Kind, usize)>, Str
 }
 
 /// The chosen states and inputs (those that exist), two in a row, under a legend; drawn as in the report.
-pub fn picture(data: &ReportData, choice: &Choice) -> String {
+pub fn picture(data: &ReportData, choice: &[(Kind, usize)]) -> String {
     let chosen: Vec<_> = choice
-        .0
         .iter()
         .filter(|(kind, i)| {
             let n = match kind {

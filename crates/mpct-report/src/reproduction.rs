@@ -28,7 +28,7 @@ pub fn reproduction_files(result: &Reproduction) -> Result<[(&'static str, Strin
 }
 
 /// The machine, as far as it says.
-fn machine() -> String {
+pub fn machine() -> String {
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     let model = std::fs::read_to_string("/proc/cpuinfo")
         .ok()
@@ -41,7 +41,8 @@ fn machine() -> String {
     format!("{model}, {threads} threads, {}", std::env::consts::OS)
 }
 
-fn table_1(r: &Reproduction) -> String {
+/// Table 1 as CSV.
+pub fn table_1(r: &Reproduction) -> String {
     let mut text = String::from(
         "plant,scaling,terminal_horizon,printed_terminal_horizon,cumulative_cost,printed_cumulative_cost,steps\n",
     );
@@ -61,7 +62,8 @@ fn table_1(r: &Reproduction) -> String {
     text
 }
 
-fn table_2(r: &Reproduction) -> String {
+/// Table 2 as CSV.
+pub fn table_2(r: &Reproduction) -> String {
     let mut text = String::from(
         "carts,terminal_horizon,variables,implicit_rows,explicit_rows,implicit_offline_s,explicit_offline_s,implicit_online_s,explicit_online_s,steps_timed,printed_implicit_offline_s,printed_explicit_offline_s,printed_implicit_online_s,printed_explicit_online_s\n",
     );

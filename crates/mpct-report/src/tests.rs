@@ -2,8 +2,6 @@
 
 use super::closed_loop::Kind;
 use super::data::{DesignNumbers, Signal, StepRecord};
-use super::page::render;
-use super::picture::picture;
 use super::*;
 
 fn signal(name: &str, unit: &str, limit: f64) -> Signal {
@@ -254,7 +252,7 @@ fn names_are_escaped() {
 #[test]
 fn a_picture_holds_what_was_chosen() {
     let data = synthetic(3, 1, 80);
-    let choice = Choice(vec![(Kind::State, 0), (Kind::Input, 0), (Kind::Input, 7)]);
+    let choice = [(Kind::State, 0), (Kind::Input, 0), (Kind::Input, 7)];
     let picture = picture(&data, &choice);
     let (head, body) = picture.split_once("</style>").unwrap();
     assert!(head.starts_with("<svg xmlns=") && !head.contains('&'));

@@ -4,8 +4,8 @@ use crate::arguments::Simulate;
 use crate::commands::{design_with_progress, duration, headline, read, vector};
 use crate::failure::{Class, Failure};
 use crate::output::{OutputFile, Waiting, note, print, print_json};
+use crate::report::{ReportData, choose, picture, render};
 use mpct::{Controller, Run, Simulation, SimulationError, StepStatus, TerminalIngredients};
-use mpct_report::{Choice, Report};
 use serde_json::json;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -26,7 +26,7 @@ pub fn run(arguments: &Simulate) -> Result<(), Failure> {
     let csv = output(arguments, arguments.csv.as_deref(), "csv")?;
     let drawing = match &arguments.picture {
         Some(path) => {
-            let choice = Choice::of(&file.problem, &arguments.signals)
+            let choice = choose(&file.problem, &arguments.signals)
                 .map_err(|message| Failure::new(Class::Input, message))?;
             Some((OutputFile::open(path)?, choice))
         }
@@ -73,16 +73,13 @@ pub fn run(arguments: &Simulate) -> Result<(), Failure> {
     };
     let mut written = Vec::new();
     if report.is_some() || drawing.is_some() {
-        let data = Report::new(
-            controller.ingredients(),
-            &run,
-            simulation.disturbance.is_some(),
-        );
+        let data = ReportData::new(controller.ingredients(), &run)
+            .with_disturbance(simulation.disturbance.is_some());
         if let Some(report) = report {
-            written.push(("report", report.write(data.page().as_bytes())?));
+            written.push(("report", report.write(render(&data).as_bytes())?));
         }
         if let Some((file, choice)) = drawing {
-            written.push(("picture", file.write(data.picture(&choice).as_bytes())?));
+            written.push(("picture", file.write(picture(&data, &choice).as_bytes())?));
         }
     }
     if let Some(csv) = csv {

@@ -1,0 +1,3 @@
+//! What the command writes for people: pages and pictures of the crate `mpct-report`.
+
+pub use mpct_report::*;
