@@ -6,6 +6,10 @@
 // A part of the workspace: names that say all have no comment.
 #![allow(missing_docs)]
 
+mod reproduction;
+
+pub use reproduction::{REPRODUCTION_FILES, machine, reproduction_files, table_1, table_2};
+
 mod axis;
 mod closed_loop;
 mod data;
@@ -25,7 +29,3 @@ pub use data::ReportData;
 pub use page::render;
 pub use paper::reproduction_page;
 pub use picture::{choose, picture};
-
-mod reproduction;
-
-pub use reproduction::{REPRODUCTION_FILES, machine, reproduction_files, table_1, table_2};
