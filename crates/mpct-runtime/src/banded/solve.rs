@@ -166,8 +166,8 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
                     // The proof was tried in the place of the residuals.
                     self.residuals();
                 }
-                if is_stuck || self.state.is_stiff {
-                    self.stiffen(is_stuck)?;
+                if (is_stuck || self.state.is_stiff) && !self.stiffen(is_stuck)? && is_stuck {
+                    self.walk();
                 }
                 if round > ROUNDS {
                     return Err(Stop::Trouble);
@@ -509,13 +509,13 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
         }
     }
 
-    /// Stiffens the active rows that do not hold with equality yet, or brings all back to the usual stiffness.
+    /// Stiffens the active rows that do not hold with equality yet, or brings all back to the usual stiffness. Whether any changed.
     ///
     /// Rows that depend on each other and cannot all hold with equality make the dual cost linear along a direction in which one of
     /// their multipliers falls, until its row leaves. A round walks along it by ρ times the residual: with 1e5 that can take hundreds
     /// of rounds, with a thousand or a million times as much it takes one. Left stiff, they would carry the rounding of z into their multipliers.
-    fn stiffen(&mut self, more: bool) -> Result<(), Stop<T>> {
-        let base = stiffness::<T>();
+    fn stiffen(&mut self, more: bool) -> Result<bool, Stop<T>> {
+        let (base, mut changed) = (stiffness::<T>(), false);
         for k in 0..self.state.active {
             let (p, d) = (&mut *self.parts, &self.tables.data);
             let pair = p.active[k] as usize;
@@ -528,12 +528,13 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
                 old
             };
             if new != old {
+                changed = true;
                 p.stiff[pair] = new;
                 self.change(pair, new - old)?;
             }
         }
         self.state.is_stiff = more;
-        Ok(())
+        Ok(changed)
     }
 
     fn spend(&mut self, budget: &mut Budget<'_>) -> Result<(), Stop<T>> {
