@@ -137,11 +137,11 @@ fn large_problems() {
 
 /// Everything mixed: drifts and jumps, states on the border and outside of what is feasible, faults, budgets from 0 up, resets.
 #[test]
-#[ignore = "slow: 1e5 random steps, each checked densely"]
+#[ignore = "slow: 1e6 random steps, minutes, each checked densely"]
 fn soak() {
     let mut random = Lcg(77);
     let (mut counts, mut failed, mut steps) = ([0; 3], 0, 0);
-    while steps < 100_000 {
+    while steps < 1_000_000 {
         let kind = Kind::random(&mut random, 80);
         let case = Case::random(&mut random, kind);
         let owned = Owned::<f64>::new(&case);
@@ -179,17 +179,17 @@ fn soak() {
             };
             let reference = steps % 100 == 0;
             let answer = judge::step(&case, &tables, &mut controller, at, budget, reference);
-            failed += usize::from(answer == Answer::Other && !is_limited);
+            if answer == Answer::Other && !is_limited {
+                failed += 1;
+                println!("step {steps}: {kind:?}, f {amplitude:e}, x {state:e}");
+            }
             counts[answer as usize] += 1;
         }
     }
     println!(
         "{steps} steps: optimal, infeasible, other {counts:?}; not limited and yet neither: {failed}"
     );
-    assert!(
-        counts[0] > 50_000 && counts[1] > 1000 && counts[2] > 1000,
-        "{counts:?}"
-    );
+    assert!(counts.iter().all(|&c| c > 50_000), "{counts:?}");
     // Problems that are infeasible by less than about 1e-7 are neither solved nor proved.
     assert!(failed * 10_000 <= steps, "{failed} of {steps}");
 }
