@@ -43,9 +43,11 @@ const MANY: usize = 12;
 /// A round that leaves more than this part of the residual of the active rows made no progress.
 const PROGRESS: f64 = 0.3;
 
-/// A proof of infeasibility must also hold for points that are this many times larger than the one reached, in the 1-norm. Smaller, and with
-/// hundreds of variables in f32 it would leave room for a solution.
-const FARTHER: f64 = 10.0;
+/// A proof of infeasibility must also hold for points this many times larger than the one reached, in the 1-norm. Smaller, and with hundreds
+/// of variables in f32 it would leave room for a solution.
+const FARTHER: f64 = 2.0;
+/// A radius beyond which nothing is asked of a proof.
+const FAR: f64 = 1e6;
 /// A residual below this many units in the last place of its terms is rounding. Smaller, and f32 would walk on the spot.
 const ROUNDING: f64 = 4.0;
 
@@ -501,7 +503,13 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
         for z in p.z.iter() {
             reached += z.abs();
         }
-        if radius > T::PROOF_RADIUS.max(T::from_f64(FARTHER) * reached) {
+        let beyond = T::from_f64(FARTHER) * reached;
+        let enough = if beyond < T::from_f64(FAR) {
+            beyond
+        } else {
+            T::from_f64(FAR)
+        };
+        if radius > T::PROOF_RADIUS.max(enough) {
             self.state.has_proof = true;
             Some(radius)
         } else {
