@@ -168,8 +168,12 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
                     // The proof was tried in the place of the residuals.
                     self.residuals();
                 }
-                if (is_stuck || self.state.is_stiff) && !self.stiffen(is_stuck)? && is_stuck {
-                    self.walk();
+                if is_stuck {
+                    if !self.stiffen(true)? {
+                        self.walk();
+                    }
+                } else if self.state.is_stiff {
+                    self.stiffen(false)?;
                 }
                 if round > ROUNDS {
                     return Err(Stop::Trouble);
