@@ -54,7 +54,7 @@ pub struct BandedStep<'s, T> {
 /// })
 /// .unwrap();
 /// tables.check_values().unwrap();
-/// let numbers = vec![0.0; tables.workspace_len()]; // or an array
+/// let numbers = vec![0.0_f64; tables.workspace_len()]; // or an array
 /// let indices = vec![0; tables.index_len()];
 /// let mut controller = BandedController::new(&tables, numbers, indices).unwrap();
 /// let step = controller.step(&tables, &[0.2], &[4.0], Budget::unlimited()).unwrap();
