@@ -147,7 +147,7 @@ impl Case {
         let mut first_input = vec![0.0; m * nz];
         let mut input_rows = vec![0.0; 2 * m * m];
         for i in 0..m {
-            gain[i * n + 2 * i] = random.signed();
+            gain[i * n + 2 * i] = 10.0 * random.signed();
             first_input[i * nz + i * size] = 1.0;
             input_rows[2 * i * m + i] = 2.0;
             input_rows[(2 * i + 1) * m + i] = -2.0;
