@@ -34,6 +34,7 @@ mod step;
 mod tables;
 #[cfg(test)]
 mod test_problem;
+mod walk;
 mod windows;
 mod workspace;
 

@@ -43,9 +43,11 @@ const MANY: usize = 12;
 /// A round that leaves more than this part of the residual of the active rows made no progress.
 const PROGRESS: f64 = 0.3;
 
-/// A proof of infeasibility must also hold for points that are this many times larger than the one reached, in the 1-norm. Smaller, and with
-/// hundreds of variables in f32 it would leave room for a solution.
-const FARTHER: f64 = 10.0;
+/// A proof of infeasibility must also hold for points this many times larger than the one reached, in the 1-norm. Smaller, and with hundreds
+/// of variables in f32 it would leave room for a solution.
+const FARTHER: f64 = 2.0;
+/// A radius beyond which nothing is asked of a proof.
+const FAR: f64 = 1e6;
 /// A residual below this many units in the last place of its terms is rounding. Smaller, and f32 would walk on the spot.
 const ROUNDING: f64 = 4.0;
 
@@ -166,8 +168,12 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
                     // The proof was tried in the place of the residuals.
                     self.residuals();
                 }
-                if is_stuck || self.state.is_stiff {
-                    self.stiffen(is_stuck)?;
+                if is_stuck {
+                    if !self.stiffen(true)? {
+                        self.walk();
+                    }
+                } else if self.state.is_stiff {
+                    self.stiffen(false)?;
                 }
                 if round > ROUNDS {
                     return Err(Stop::Trouble);
@@ -501,7 +507,13 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
         for z in p.z.iter() {
             reached += z.abs();
         }
-        if radius > T::PROOF_RADIUS.max(T::from_f64(FARTHER) * reached) {
+        let beyond = T::from_f64(FARTHER) * reached;
+        let enough = if beyond < T::from_f64(FAR) {
+            beyond
+        } else {
+            T::from_f64(FAR)
+        };
+        if radius > T::PROOF_RADIUS.max(enough) {
             self.state.has_proof = true;
             Some(radius)
         } else {
@@ -509,13 +521,13 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
         }
     }
 
-    /// Stiffens the active rows that do not hold with equality yet, or brings all back to the usual stiffness.
+    /// Stiffens the active rows that do not hold with equality yet, or brings all back to the usual stiffness. Whether any changed.
     ///
     /// Rows that depend on each other and cannot all hold with equality make the dual cost linear along a direction in which one of
     /// their multipliers falls, until its row leaves. A round walks along it by ρ times the residual: with 1e5 that can take hundreds
     /// of rounds, with a thousand or a million times as much it takes one. Left stiff, they would carry the rounding of z into their multipliers.
-    fn stiffen(&mut self, more: bool) -> Result<(), Stop<T>> {
-        let base = stiffness::<T>();
+    fn stiffen(&mut self, more: bool) -> Result<bool, Stop<T>> {
+        let (base, mut changed) = (stiffness::<T>(), false);
         for k in 0..self.state.active {
             let (p, d) = (&mut *self.parts, &self.tables.data);
             let pair = p.active[k] as usize;
@@ -528,12 +540,13 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
                 old
             };
             if new != old {
+                changed = true;
                 p.stiff[pair] = new;
                 self.change(pair, new - old)?;
             }
         }
         self.state.is_stiff = more;
-        Ok(())
+        Ok(changed)
     }
 
     fn spend(&mut self, budget: &mut Budget<'_>) -> Result<(), Stop<T>> {
