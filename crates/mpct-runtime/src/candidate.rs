@@ -3,7 +3,7 @@
 //! In the variables `z = (c, θ)` it reads `c⁺ = (c_1, …, c_{N−1}, 0)`, `θ⁺ = θ`. At the predicted state it satisfies every row
 //! (Theorem 3) and costs less than the last solution (Theorem 4). At another state it is checked first.
 
-use crate::dense::{axpy, dot};
+use crate::dense::{all_finite, axpy, dot};
 use crate::{Scalar, Tables};
 
 /// Shifts a plan of inputs `c_0 … c_{N−1}` by one stage, in place.
@@ -60,4 +60,20 @@ pub(crate) fn advance<T: Scalar>(
     }
     axpy(t, direction, plan);
     t
+}
+
+/// Draws an input into U = {u : E u ≤ 1}, which contains 0 and is convex: scaling towards 0 always ends inside. What is beyond all
+/// numbers becomes 0.
+pub(crate) fn into_limits<T: Scalar>(input: &mut [T], rows: impl Fn(&[T], &mut dyn FnMut(T))) {
+    let mut outside = T::ONE;
+    rows(input, &mut |found| {
+        outside = outside.max(if found.is_nan() { T::INFINITY } else { found });
+    });
+    if !all_finite(input) {
+        input.fill(T::ZERO);
+    } else if outside > T::ONE {
+        for u in input.iter_mut() {
+            *u = *u / outside;
+        }
+    }
 }

@@ -86,8 +86,12 @@ pub fn run(arguments: &Simulate) -> Result<(), Failure> {
     let mut regions = Vec::new();
     let examined = controller.formulation() == Formulation::NoTerminalConstraint;
     if report.is_some() || drawing.is_some() || examined {
-        let data = Report::new(controller.ingredients(), &run, simulation.disturbance.is_some())
-            .with_proofs(&controller, &run);
+        let data = Report::new(
+            controller.ingredients(),
+            &run,
+            simulation.disturbance.is_some(),
+        )
+        .with_proofs(&controller, &run);
         regions = data.regions().to_vec();
         if let Some(report) = report {
             written.push(("report", report.write(data.page().as_bytes())?));

@@ -29,12 +29,13 @@
 
 mod factor;
 mod pricing;
+mod rows;
 mod solve;
 mod step;
+mod stuck;
 mod tables;
 #[cfg(test)]
 mod test_problem;
-mod walk;
 mod windows;
 mod workspace;
 

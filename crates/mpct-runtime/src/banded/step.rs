@@ -3,6 +3,7 @@
 use super::solve::{Outcome, Solver};
 use super::tables::BandedTables;
 use super::workspace::{Parts, State, divide, sizes};
+use crate::candidate::into_limits;
 use crate::dense::{all_finite, axpy, dot};
 use crate::tables::NO_ROW;
 use crate::{Budget, Scalar, StepError, StepStatus, TableError, Why};
@@ -371,19 +372,11 @@ fn report<'w, T: Scalar>(
     input.fill(T::ZERO);
     d.gain.add_product(x, input);
     d.first_input.add_product(plan, input);
-    // U contains 0 and is convex: scaling towards 0 always ends inside. What is beyond all numbers becomes 0.
-    let mut outside = T::ONE;
-    for row in 0..d.input_rows.rows() {
-        let found = d.input_rows.dot(row, input);
-        outside = outside.max(if found.is_nan() { T::INFINITY } else { found });
-    }
-    if !all_finite(input) {
-        input.fill(T::ZERO);
-    } else if outside > T::ONE {
-        for u in input.iter_mut() {
-            *u = *u / outside;
+    into_limits(input, |input, each| {
+        for row in 0..d.input_rows.rows() {
+            each(d.input_rows.dot(row, input));
         }
-    }
+    });
     BandedStep {
         status,
         input,

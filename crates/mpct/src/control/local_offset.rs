@@ -35,9 +35,7 @@ impl LocalOffsetCost {
         let from_input = mu.transpose().mul(problem.offset_input_weight());
         let twice = |m: &SparseMatrix| m.combine(2.0, m, 0.0);
         Ok(Some(Self {
-            hessian: from_state
-                .mul(mx)
-                .combine(2.0, &from_input.mul(mu), 2.0),
+            hessian: from_state.mul(mx).combine(2.0, &from_input.mul(mu), 2.0),
             from_state: twice(&from_state),
             from_input: twice(&from_input),
         }))

@@ -163,7 +163,11 @@ fn walk(neighbours: &[Vec<usize>], start: usize, seen: &mut [bool]) -> Vec<usize
     seen[start] = true;
     while let Some(k) = queue.pop_front() {
         order.push(k);
-        let mut next: Vec<usize> = neighbours[k].iter().copied().filter(|&j| !seen[j]).collect();
+        let mut next: Vec<usize> = neighbours[k]
+            .iter()
+            .copied()
+            .filter(|&j| !seen[j])
+            .collect();
         next.sort_by_key(|&j| (neighbours[j].len(), j));
         for j in next {
             if !seen[j] {

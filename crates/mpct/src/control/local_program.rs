@@ -4,8 +4,8 @@
 //! bound. Entries of a row that are rounding beside its largest, in units of the cost, are left out: with them nothing would be
 //! banded.
 
-use super::prediction::RowOrigin;
 use super::local_offset::LocalOffsetCost;
+use super::prediction::RowOrigin;
 use crate::error::DesignError;
 use crate::matrix::SparseMatrix;
 use crate::problem::{Formulation, Task, TerminalCost};
@@ -99,7 +99,8 @@ pub(super) fn condense_locally(
 
     let mut places = Vec::new();
     for (pair, &(upper, lower)) in law.pairs.iter().enumerate() {
-        let both = |asked: &dyn Fn(usize) -> bool| [asked(upper), lower.is_some_and(|l| asked(l.0))];
+        let both =
+            |asked: &dyn Fn(usize) -> bool| [asked(upper), lower.is_some_and(|l| asked(l.0))];
         let mut push = |kind, step, sides: [bool; 2], origin| {
             if sides[0] || sides[1] {
                 places.push(Place {
@@ -235,11 +236,7 @@ fn assemble(
             let mut of_theta: Vec<(u32, f64)> = law
                 .equilibrium
                 .row(pair)
-                .chain(
-                    times_mx[power + stage]
-                        .row(pair)
-                        .map(|(t, x)| (t, -x)),
-                )
+                .chain(times_mx[power + stage].row(pair).map(|(t, x)| (t, -x)))
                 .map(|(t, x)| ((theta + t) as u32, x))
                 .collect();
             of_theta.sort_by_key(|e| e.0);
@@ -305,11 +302,7 @@ fn cost(
     let mut h: Vec<Vec<(u32, f64)>> = Vec::with_capacity(theta + parameters);
     for stage in 0..horizon {
         for i in 0..m {
-            h.push(
-                s.row(i)
-                    .map(|(j, v)| ((stage * m + j) as u32, v))
-                    .collect(),
-            );
+            h.push(s.row(i).map(|(j, v)| ((stage * m + j) as u32, v)).collect());
         }
     }
     let mut from_state = vec![Vec::new(); theta];
@@ -325,18 +318,10 @@ fn cost(
         let block = mpm.combine(2.0, &offset.hessian, 1.0);
         let block = block.combine(0.5, &block.transpose(), 0.5);
         for t in 0..m {
-            h.push(
-                block
-                    .row(t)
-                    .map(|(j, v)| ((theta + j) as u32, v))
-                    .collect(),
-            );
+            h.push(block.row(t).map(|(j, v)| ((theta + j) as u32, v)).collect());
             from_state.push(mp.row(t).map(|(j, v)| (j as u32, -2.0 * v)).collect());
             let of_state = offset.from_state.row(t).map(|(j, v)| (j as u32, -v));
-            let of_input = offset
-                .from_input
-                .row(t)
-                .map(|(j, v)| ((n + j) as u32, -v));
+            let of_input = offset.from_input.row(t).map(|(j, v)| ((n + j) as u32, -v));
             from_set_point.push(of_state.chain(of_input).collect());
         }
     }

@@ -80,10 +80,7 @@ impl LocalSolver {
         }
         let view = tables.view().map_err(failed)?;
         view.check_values().map_err(failed)?;
-        let (numbers, indices) = (
-            vec![0.0; view.workspace_len()],
-            vec![0; view.index_len()],
-        );
+        let (numbers, indices) = (vec![0.0; view.workspace_len()], vec![0; view.index_len()]);
         let controller = BandedController::new(&view, numbers, indices).map_err(failed)?;
         let (mut rows, mut origin) = (Vec::new(), Vec::new());
         for (pair, sides) in program.sides.iter().enumerate() {
@@ -317,8 +314,7 @@ impl LocalSolver {
         let (f, b) = self.linear_and_bounds(x, r);
         if self.second_opinion.is_none() {
             let p = self.program();
-            let prepared =
-                PreparedQp::new("the second opinion", p.hessian.clone(), p.rows.clone());
+            let prepared = PreparedQp::new("the second opinion", p.hessian.clone(), p.rows.clone());
             self.second_opinion = prepared.ok();
         }
         let solution = match &self.second_opinion {
@@ -328,8 +324,13 @@ impl LocalSolver {
         // What the controller's own solver would shift next time is not what is applied now.
         self.reset();
         let zero = vec![0.0; self.program.sides.len()];
-        let checked =
-            verify_pairs::residuals(&self.program.hessian, &f, &self.pairs(x), &solution.z, &zero);
+        let checked = verify_pairs::residuals(
+            &self.program.hessian,
+            &f,
+            &self.pairs(x),
+            &solution.z,
+            &zero,
+        );
         Ok(Answer {
             input: self.tables.first_input(&self.order, x, &solution.z),
             z: solution.z,

@@ -152,9 +152,8 @@ impl OwnedTables {
         } else {
             SparseMatrix::zeros(m, 0)
         };
-        let negligible = |m: &SparseMatrix, i: usize| {
-            1e-16 * m.row(i).fold(0.0_f64, |a, (_, v)| a.max(v.abs()))
-        };
+        let negligible =
+            |m: &SparseMatrix, i: usize| 1e-16 * m.row(i).fold(0.0_f64, |a, (_, v)| a.max(v.abs()));
         let first_input = (0..m).map(|i| {
             let least = negligible(&feedforward, i);
             let of_theta = feedforward

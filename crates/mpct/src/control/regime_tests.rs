@@ -173,9 +173,8 @@ fn any_budget_is_feasible_and_the_cost_falls() {
             steady.state_basis().mul_vec(theta),
             steady.input_basis().mul_vec(theta),
         );
-        let minus = |a: &[f64], b: &[f64]| -> Vec<f64> {
-            a.iter().zip(b).map(|(a, b)| a - b).collect()
-        };
+        let minus =
+            |a: &[f64], b: &[f64]| -> Vec<f64> { a.iter().zip(b).map(|(a, b)| a - b).collect() };
         let square = super::weighted_square;
         let mut cost = square(problem.offset_weight(), &minus(&xs, &r[..n]));
         let mut predicted = x.clone();

@@ -12,8 +12,8 @@ mod support;
 #[cfg(test)]
 mod tests;
 
-pub use explicit_set::MaximalAdmissibleSet;
 pub(crate) use augmented::LawRows;
+pub use explicit_set::MaximalAdmissibleSet;
 pub(crate) use proofs::Proofs;
 pub(crate) use support::RowId;
 

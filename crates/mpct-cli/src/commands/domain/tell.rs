@@ -2,9 +2,9 @@
 
 use super::sets::{Answer, Questions, Told, View};
 use crate::commands::vector;
-use mpct_report::{Mark, Plane, Signal, Stroke};
 use mpct::analysis::Membership;
 use mpct::{Problem, SetPoint};
+use mpct_report::{Mark, Plane, Signal, Stroke};
 use serde_json::{Value, json};
 use std::fmt::Write;
 
