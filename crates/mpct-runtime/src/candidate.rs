@@ -77,3 +77,26 @@ pub(crate) fn into_limits<T: Scalar>(input: &mut [T], rows: impl Fn(&[T], &mut d
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn inputs_end_in_their_limits() {
+        // |u_i| ≤ 2 as rows ± u_i / 2 ≤ 1.
+        let limited = |mut u: [f64; 2]| {
+            into_limits(&mut u, |input, each| {
+                for v in input {
+                    each(v / 2.0);
+                    each(v / -2.0);
+                }
+            });
+            u
+        };
+        assert_eq!(limited([1.0, -2.0]), [1.0, -2.0]);
+        assert_eq!(limited([4.0, -2.0]), [2.0, -1.0]);
+        assert_eq!(limited([f64::NEG_INFINITY, 1.0]), [0.0, 0.0]);
+        assert_eq!(limited([f64::NAN, 1.0]), [0.0, 0.0]);
+    }
+}
