@@ -98,7 +98,6 @@ fn carts_are_searched_locally() {
 }
 
 #[test]
-#[ignore = "slow: seconds"]
 fn two_hundred_carts_are_certified() {
     let ingredients = TerminalIngredients::design(&carts(200), &DesignOptions::default()).unwrap();
     assert_eq!(ingredients.terminal_horizon(), 13);
