@@ -44,7 +44,7 @@ pub fn with_progress<T>(limits: &Limits, work: impl FnOnce(&DesignOptions<'_>) -
         }
         let row = p
             .row
-            .map_or(String::new(), |r| format!("{r} at step {}, ", p.step));
+            .map_or("K and P, ".into(), |r| format!("{r} at step {}, ", p.step));
         let message = format!("{row}horizon at least {}", p.terminal_horizon_at_least);
         waiting.at(p.rows_done as u64, message);
         if Search::is_asked_to_end() {

@@ -28,6 +28,7 @@ use augmented::Augmented;
 use bank::Bank;
 use boxes::Boxes;
 use std::sync::OnceLock;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 /// Everything the guarantees of a controller rest on. Only a design makes one.
@@ -97,7 +98,7 @@ impl TerminalIngredients {
     /// [`DesignError::HorizonNotDetermined`], [`DesignError::Interrupted`], [`DesignError::Solver`].
     pub fn design(problem: &Problem, options: &DesignOptions<'_>) -> Result<Self, DesignError> {
         let clock = Clock::start(options.time_limit);
-        let law = terminal_law(problem, &clock)?;
+        let law = terminal_law(problem, options, &clock)?;
         let of_law = clock.elapsed();
         let steady_states = SteadyStates::of(problem)?;
         let mut system = Augmented::new(problem, &law.gain, &law.closed_loop, &steady_states);
@@ -118,7 +119,7 @@ impl TerminalIngredients {
         scalings: &[f64],
         options: &DesignOptions<'_>,
     ) -> Result<Vec<Result<Self, DesignError>>, DesignError> {
-        let law = terminal_law(problem, &Clock::start(options.time_limit))?;
+        let law = terminal_law(problem, options, &Clock::start(options.time_limit))?;
         let steady_states = SteadyStates::of(problem)?;
         let mut system = Augmented::new(problem, &law.gain, &law.closed_loop, &steady_states);
         // The largest λ first: its box is the widest, and what it drops from a row is negligible for the others too.
@@ -301,13 +302,57 @@ impl TerminalIngredients {
 }
 
 /// K and P. When that is interrupted every row is still open.
-fn terminal_law(problem: &Problem, clock: &Clock) -> Result<Law, DesignError> {
-    lqr::terminal_law(problem, clock).map_err(|e| match e {
+fn terminal_law(
+    problem: &Problem,
+    options: &DesignOptions<'_>,
+    clock: &Clock,
+) -> Result<Law, DesignError> {
+    let law = if problem.plant().states() < WATCHED_FROM {
+        lqr::terminal_law(problem, clock)
+    } else {
+        watched(options, clock, || lqr::terminal_law(problem, clock))
+    };
+    law.map_err(|e| match e {
         DesignError::Interrupted { at_least, .. } => DesignError::Interrupted {
             at_least,
             rows_left: problem.rows().len(),
         },
         other => other,
+    })
+}
+
+/// From this many states on K and P take long enough for somebody to want to stop them.
+const WATCHED_FROM: usize = 100;
+/// How often it is asked whether to stop while K and P are computed.
+const WATCH: Duration = Duration::from_millis(50);
+
+/// Work that tells no progress of its own: a thread beside it asks whether to stop.
+fn watched<T>(options: &DesignOptions<'_>, clock: &Clock, work: impl FnOnce() -> T) -> T {
+    let Some(progress) = options.progress else {
+        return work();
+    };
+    let is_done = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        let watcher = scope.spawn(|| {
+            while !is_done.load(Ordering::Acquire) {
+                std::thread::park_timeout(WATCH);
+                let nothing_new = Progress {
+                    rows_done: 0,
+                    rows_total: 0,
+                    row: None,
+                    step: 0,
+                    terminal_horizon_at_least: 1,
+                };
+                if !is_done.load(Ordering::Acquire) && progress(&nothing_new).is_break() {
+                    clock.stop();
+                    break;
+                }
+            }
+        });
+        let result = work();
+        is_done.store(true, Ordering::Release);
+        watcher.thread().unpark();
+        result
     })
 }
 

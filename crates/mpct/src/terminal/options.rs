@@ -31,9 +31,9 @@ impl fmt::Display for Condition {
 pub struct Progress {
     /// Rows whose first spent step is known.
     pub rows_done: usize,
-    /// Rows in all; 0 when only the count of done rows is new.
+    /// Rows in all; 0 while K and P are computed.
     pub rows_total: usize,
-    /// The row last asked about.
+    /// The row last asked about; `None` while K and P are computed.
     pub row: Option<RowSource>,
     /// The step at which it was asked; 0 before the first.
     pub step: usize,
@@ -84,7 +84,7 @@ impl fmt::Debug for DesignOptions<'_> {
 /// Where the time of a design goes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Phases {
-    /// K and P (3). Zero but for the first of several designs that share them.
+    /// K and P (3). Zero in designs for several λ at once, which share them.
     pub law: Duration,
     /// M_θ (6) and the rows of step 0. Zero as above.
     pub steady_states: Duration,
