@@ -53,7 +53,7 @@ pub struct DesignOptions<'a> {
     pub max_horizon: usize,
     /// The search gives up after this time.
     pub time_limit: Option<Duration>,
-    /// Called now and then; a `Break` ends the search with [`DesignError::Interrupted`].
+    /// Called now and then; a `Break` ends the search with [`DesignError::Interrupted`](crate::DesignError::Interrupted).
     pub progress: Option<&'a OnProgress<'a>>,
 }
 
