@@ -115,7 +115,7 @@ impl Checker {
         let last = document.claim.terminal_horizon.saturating_add(1);
         let steps = document.proof.spent.iter().map(|s| s.step);
         let (first, named) = steps.fold((usize::MAX, 0), |a, s| (a.0.min(s), a.1.max(s)));
-        if !(named <= last) {
+        if named > last {
             return Err(VerifyError::refused(
                 "a row is spent only after the terminal horizon",
             ));
