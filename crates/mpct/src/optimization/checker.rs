@@ -218,10 +218,8 @@ impl Checker {
     /// 0 ≤ yᵀ(b − G z) ≤ bᵀy + ‖Gᵀy‖∞ ‖z‖₁. `None` when they prove nothing.
     pub(crate) fn farkas(&mut self, x: &[f64], active: &[(usize, f64)]) -> Option<Farkas> {
         let total: f64 = active.iter().map(|a| a.1).sum();
-        if !(total > 0.0 && total.is_finite()) || !active.iter().all(|a| a.1 >= 0.0) {
-            return None;
-        }
-        if !self.combine(active) {
+        let is_usable = total > 0.0 && total.is_finite() && active.iter().all(|a| a.1 >= 0.0);
+        if !is_usable || !self.combine(active) {
             return None;
         }
         let bound: f64 = active
