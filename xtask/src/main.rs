@@ -74,6 +74,18 @@ fn steps(slow: bool) -> Vec<Step> {
             ],
         ),
         Step::new("tests", &["test", "--workspace", "--all-targets"]),
+        // Links the online solver without std and without an allocator.
+        Step::new(
+            "no_std",
+            &[
+                "build",
+                "--release",
+                "--manifest-path",
+                "crates/mpct-runtime/no-std-check/Cargo.toml",
+                "--target-dir",
+                "target/no-std-check",
+            ],
+        ),
         // Named apart because --all-targets leaves the examples in documentation out.
         Step::new("documented examples", &["test", "--workspace", "--doc"]),
         Step::new("documentation", &["doc", "--workspace", "--no-deps"])
@@ -81,7 +93,7 @@ fn steps(slow: bool) -> Vec<Step> {
     ];
     if slow {
         steps.insert(
-            4,
+            5,
             Step::new(
                 "slow tests",
                 &["test", "--workspace", "--all-targets", "--", "--ignored"],

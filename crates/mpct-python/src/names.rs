@@ -2,7 +2,7 @@
 
 use crate::errors;
 use mpct::analysis::AlphaScope;
-use mpct::{Condition, Formulation, StepStatus, Task, TerminalCost};
+use mpct::{CandidateReason, Condition, Formulation, StepStatus, Task, TerminalCost};
 use pyo3::prelude::*;
 
 /// A choice with the words for its values.
@@ -51,10 +51,22 @@ impl Named for AlphaScope {
     ];
 }
 
+/// A stored run keeps no reasons; a step does.
 impl Named for StepStatus {
     const WHAT: &'static str = "status";
-    const WORDS: &'static [(&'static str, Self)] =
-        &[("optimal", Self::Optimal), ("candidate", Self::Candidate)];
+    const WORDS: &'static [(&'static str, Self)] = &[
+        ("optimal", Self::Optimal),
+        ("candidate", Self::Candidate(CandidateReason::SolverFailed)),
+    ];
+}
+
+impl Named for CandidateReason {
+    const WHAT: &'static str = "reason";
+    const WORDS: &'static [(&'static str, Self)] = &[
+        ("iteration_limit", Self::IterationLimit),
+        ("deadline", Self::Deadline),
+        ("solver_failed", Self::SolverFailed),
+    ];
 }
 
 /// The value that a word stands for.

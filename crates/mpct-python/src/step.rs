@@ -3,7 +3,7 @@
 use crate::convert;
 use crate::names;
 use crate::search;
-use mpct::Step;
+use mpct::{Step, StepStatus};
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyString;
@@ -81,6 +81,15 @@ impl PyStep {
         self.inner.status.to_string()
     }
 
+    /// Why the step returned the candidate: "iteration_limit", "deadline" or "solver_failed"; None for an optimum.
+    #[getter]
+    fn reason(&self) -> Option<&'static str> {
+        match self.inner.status {
+            StepStatus::Candidate(reason) => Some(names::word(reason)),
+            _ => None,
+        }
+    }
+
     /// Iterations of the solver.
     #[getter]
     fn iterations(&self) -> usize {
@@ -105,7 +114,7 @@ impl PyStep {
             step.cost,
             step.offset_cost,
             step.admissible,
-            step.status.to_string(),
+            self.reason().map(String::from),
             step.iterations,
             step.violation,
             step.elapsed.as_secs_f64(),
@@ -139,7 +148,7 @@ impl PyStep {
 
 /// What `Step.__reduce__` hands over: numbers, arrays, the prediction, words.
 type StepParts = (
-    (f64, f64, bool, String, usize, f64, f64),
+    (f64, f64, bool, Option<String>, usize, f64, f64),
     [Vec<f64>; 3],
     [Vec<Vec<f64>>; 2],
 );
@@ -148,7 +157,7 @@ type StepParts = (
 #[pyfunction]
 pub fn _step(py: Python<'_>, parts: StepParts) -> PyResult<PyStep> {
     let (numbers, [input, artificial_state, artificial_input], [states, inputs]) = parts;
-    let (cost, offset_cost, admissible, status, iterations, violation, seconds) = numbers;
+    let (cost, offset_cost, admissible, reason, iterations, violation, seconds) = numbers;
     let inner = Step {
         input,
         artificial_state,
@@ -158,7 +167,10 @@ pub fn _step(py: Python<'_>, parts: StepParts) -> PyResult<PyStep> {
         admissible,
         predicted_states: states,
         predicted_inputs: inputs,
-        status: names::value(py, &status)?,
+        status: match reason {
+            Some(reason) => StepStatus::Candidate(names::value(py, &reason)?),
+            None => StepStatus::Optimal,
+        },
         violation,
         iterations,
         elapsed: search::seconds(py, "seconds", Some(seconds))?.unwrap_or_default(),

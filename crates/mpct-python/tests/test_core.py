@@ -137,7 +137,13 @@ def test_limits_and_reset(controller):
     controller.step([0, 0], [2, 0.5])
     controller.set_limits(iterations=50, seconds=1.0)
     controller.reset()
-    assert controller.step([0, 0], [2, 0.5]).status == "optimal"
+    step = controller.step([0, 0], [2, 0.5])
+    assert (step.status, step.reason) == ("optimal", None)
+    controller.set_limits(iterations=0)
+    step = controller.step([0, 0], [-2, 0.5])
+    if step.status == "candidate":
+        assert step.reason == "iteration_limit"
+    controller.set_limits()
     with pytest.raises(ValueError, match="seconds >= 0"):
         controller.set_limits(seconds=-1)
 

@@ -3,7 +3,7 @@
 //! In the variables `z = (c, θ)` it reads `c⁺ = (c_1, …, c_{N−1}, 0)`, `θ⁺ = θ`. At the predicted state it satisfies every row
 //! (Theorem 3) and costs less than the last solution (Theorem 4). At another state it is checked first.
 
-use crate::dense::{axpy, dot};
+use crate::dense::{all_finite, axpy, dot};
 use crate::{Scalar, Tables};
 
 /// Shifts a plan of inputs `c_0 … c_{N−1}` by one stage, in place.
@@ -60,4 +60,43 @@ pub(crate) fn advance<T: Scalar>(
     }
     axpy(t, direction, plan);
     t
+}
+
+/// Draws an input into U = {u : E u ≤ 1}, which contains 0 and is convex: scaling towards 0 always ends inside. What is beyond all
+/// numbers becomes 0.
+pub(crate) fn into_limits<T: Scalar>(input: &mut [T], rows: impl Fn(&[T], &mut dyn FnMut(T))) {
+    let mut outside = T::ONE;
+    rows(input, &mut |found| {
+        outside = outside.max(if found.is_nan() { T::INFINITY } else { found });
+    });
+    if !all_finite(input) {
+        input.fill(T::ZERO);
+    } else if outside > T::ONE {
+        for u in input.iter_mut() {
+            *u = *u / outside;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn inputs_end_in_their_limits() {
+        // |u_i| ≤ 2 as rows ± u_i / 2 ≤ 1.
+        let limited = |mut u: [f64; 2]| {
+            into_limits(&mut u, |input, each| {
+                for v in input {
+                    each(v / 2.0);
+                    each(v / -2.0);
+                }
+            });
+            u
+        };
+        assert_eq!(limited([1.0, -2.0]), [1.0, -2.0]);
+        assert_eq!(limited([4.0, -2.0]), [2.0, -1.0]);
+        assert_eq!(limited([f64::NEG_INFINITY, 1.0]), [0.0, 0.0]);
+        assert_eq!(limited([f64::NAN, 1.0]), [0.0, 0.0]);
+    }
 }

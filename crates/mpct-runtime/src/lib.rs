@@ -25,20 +25,27 @@
 //!
 //! | | numbers | access |
 //! |---|---|---|
-//! | tables | `nz² + nz(nz+1)/2 + nz(n+nr) + rows(nz+n+4) + m(n+m+input_rows)` | read only, may lie in flash |
-//! | workspace | `nz² + nz(nz−1)/2 + 16 nz + 2 rows + 2 n + nr + m + 1`, and `2 nz + 1` indices of 4 bytes | read and write |
+//! | tables | `nz² + nz(nz+1)/2 + nz(n+nr) + rows(nz+n+4) + 3 blocks + m(n+m+input_rows)`, `blocks = ⌈rows/16⌉` | read only, may lie in flash |
+//! | workspace | `nz² + nz(nz−1)/2 + 16 nz + 2 rows + blocks + 2 n + nr + m + 1`, and `2 nz + 1` indices of 4 bytes | read and write |
 //!
 //! # Work, in multiply-adds, with `k ≤ nz` active rows
 //!
+//! `h` is the work of a product with `H`: `nz²`, or `nz m` when `H` is block diagonal (as for the LQR gain); a product with `R⁻¹` is
+//! half of it. `units` are the rows of which opposite ones count once: `rows/2` for symmetric bounds.
+//!
 //! | part of a step | at most | how often |
 //! |---|---|---|
-//! | linear term | `nz (n + nr)` (`nz n` while the set-point stays) | once |
-//! | settling: stationarity and activity | `nz² + 2 k nz + k n` | twice, plus once per correction |
-//! | settling: one correction | `1.5 nz² + k² + 2 k nz` | once, and once per row that leaves |
-//! | one iteration: projection and step | `nz² + 3 k² + 6 k nz` (with two reprojections; `nz² / 2` more when a row enters) | per iteration |
-//! | pricing: bounds | `3 rows` | per iteration |
-//! | pricing: rows whose bound does not rule them out | `rows (nz + n)`; a few rows in a quiet loop | per iteration |
+//! | linear term | `nz (n + nr)` (`nz n` while the set-point stays; only rows of `F` that are not zero) | once |
+//! | settling: stationarity and activity | `h + 2 k nz + k n` | twice, plus once per correction |
+//! | settling: one correction | `1.5 h + k² + 2 k nz` | once, and once per row that leaves |
+//! | one iteration: projection and step | `h + 3 k² + 6 k nz` (with two reprojections; `h/2` more when a row enters) | per iteration |
+//! | pricing: bounds of groups of rows | `3 blocks` | per pass |
+//! | pricing: rows of groups that are not ruled out | `units (nz + n + 3)`; a few rows in a quiet loop | per pass; passes ≤ iterations + 4 |
+//! | pricing: rows that the last pass found violated | `32 nz` | per iteration |
 //! | checking the candidate | `rows (3 nz + 2 n)` | only when cut short |
+//!
+//! Bytes touched: the numbers of tables and workspace that these products read, each once per product; at most all tables and all of the
+//! workspace per pass, and `(h + k nz + 32 nz)` numbers per iteration between passes.
 //!
 //! A step touches the tables once per item of this list, row-major and in order. Only `+ − × ÷` and comparisons are used, in an order the source
 //! fixes: host and target give the same bits for the same inputs.

@@ -1,7 +1,7 @@
 //! One sampling instant: from the measured state and the set-point to the input.
 
 use crate::active_set::{self, Outcome};
-use crate::candidate::{advance, shift_plan, violation};
+use crate::candidate::{advance, into_limits, shift_plan, violation};
 use crate::dense::{all_finite, axpy, dot, gemv_add};
 use crate::{Budget, Scalar, TableError, Tables, Workspace};
 
@@ -331,16 +331,11 @@ impl<'a, T: Scalar> Controller<'a, T> {
         if theta_at > 0 {
             axpy(T::ONE, &ws.plan[..m], ws.input);
         }
-        // U contains 0 and is convex: scaling towards 0 always ends inside.
-        let mut outside = T::ONE;
-        for row in tables.input_rows.chunks_exact(m) {
-            outside = outside.max(dot(row, ws.input));
-        }
-        if outside > T::ONE {
-            for u in ws.input.iter_mut() {
-                *u = *u / outside;
+        into_limits(ws.input, |input, each| {
+            for row in tables.input_rows.chunks_exact(m) {
+                each(dot(row, input));
             }
-        }
+        });
         Step {
             status,
             input: ws.input,

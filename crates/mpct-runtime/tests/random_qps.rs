@@ -361,3 +361,92 @@ fn single_precision_claims_nothing_wrong() {
         "{optimal} {infeasible} {gave_up} {worst:e}"
     );
 }
+
+/// One state per pair of opposite rows or single row; rows in the order given.
+fn paired(qp: &Qp, pairs: usize, order: &[usize]) -> Problem {
+    let (units, rows) = (qp.rows, qp.rows + pairs);
+    let mut problem = qp.problem();
+    problem.dims.states = units;
+    problem.dims.rows = rows;
+    problem.linear_state = vec![0.0; qp.nz * units];
+    problem.gain = vec![0.0; qp.nz * units];
+    (problem.rows, problem.rows_state) = (Vec::new(), Vec::new());
+    for &row in order {
+        let (unit, sign) = if row < 2 * pairs {
+            (row / 2, if row % 2 == 0 { 1.0 } else { -1.0 })
+        } else {
+            (row - pairs, 1.0)
+        };
+        problem.rows.extend(qp.row(unit).iter().map(|v| sign * v));
+        problem
+            .rows_state
+            .extend((0..units).map(|k| if k == unit { sign } else { 0.0 }));
+    }
+    problem
+}
+
+/// Opposite rows that stand together share their product. Expected: the answer of the same rows in an order in which no pair stands
+/// together, one step after another, and the conditions of optimality.
+#[test]
+fn pairs_of_opposite_rows_are_as_good_as_rows_one_by_one() {
+    let mut random = Lcg(6);
+    let (mut at_upper, mut at_lower) = (0, 0);
+    for round in 0..100 {
+        let nz = 1 + random.below(12);
+        // Pairs alone, singles alone, and groups of rows with both.
+        let (pairs, singles) = [(1 + random.below(30), 0), (0, 9), (5, 7), (24, 30)][round % 4];
+        let mut qp = Qp::random(&mut random, nz, pairs + singles, 2.0);
+        let rows = 2 * pairs + singles;
+        let together: Vec<usize> = (0..rows).collect();
+        let apart: Vec<usize> = (0..rows)
+            .filter(|row| row % 2 == 0)
+            .chain((0..rows).filter(|row| row % 2 == 1))
+            .collect();
+        let problems = [paired(&qp, pairs, &together), paired(&qp, pairs, &apart)];
+        let mut buffers = problems.each_ref().map(|p| {
+            let d = p.dims;
+            (
+                (vec![0.0; d.tables_len()], vec![0.0; d.prepare_len()]),
+                (vec![0.0; d.workspace_len()], vec![0; d.index_len()]),
+            )
+        });
+        let [first, second] = &mut buffers;
+        let mut controllers = [(&problems[0], first), (&problems[1], second)].map(
+            |(problem, ((tables, scratch), (numbers, indices)))| {
+                let tables = prepare(&problem.data(), tables, scratch).unwrap();
+                let workspace = Workspace::new(problem.dims, numbers, indices).unwrap();
+                Controller::new(tables, workspace).unwrap()
+            },
+        );
+        for _ in 0..20 {
+            let x: Vec<f64> = (0..qp.rows).map(|_| 0.9 * random.signed()).collect();
+            if random.uniform() < 0.3 {
+                qp.f = (0..nz).map(|_| 8.0 * random.signed()).collect();
+            }
+            let [one, other] = controllers.each_mut().map(|c| {
+                let step = c.step(&x, &qp.f, Budget::unlimited()).unwrap();
+                assert_eq!(step.status, StepStatus::Optimal);
+                step.solution.to_vec()
+            });
+            for (a, b) in one.iter().zip(&other) {
+                assert!((a - b).abs() < 1e-7 * (1.0 + b.abs()), "{round}: {a} {b}");
+            }
+            let y = full(rows, controllers[0].multipliers());
+            assert!(problems[0].residual(&x, &qp.f, &one, &y) < 1e-8, "{round}");
+            for (row, y) in y
+                .iter()
+                .enumerate()
+                .take(2 * pairs)
+                .filter(|(_, y)| **y > 0.0)
+            {
+                assert!(*y > 0.0);
+                if row % 2 == 0 {
+                    at_upper += 1;
+                } else {
+                    at_lower += 1;
+                }
+            }
+        }
+    }
+    assert!(at_upper > 100 && at_lower > 100, "{at_upper} {at_lower}");
+}

@@ -40,17 +40,26 @@ fn faults(problem: &Problem, condition: Condition) -> Vec<String> {
 #[test]
 fn random_plants_are_certified() {
     let mut one_sided = 0;
+    let mut horizons = Vec::new();
     let mut found = Vec::new();
     for seed in 0..200 {
         let problem = random::problem(seed);
         let (lower, upper) = problem.constraints().state_limits();
         one_sided += usize::from(lower.iter().chain(upper).any(|b| b.is_infinite()));
+        let design = TerminalIngredients::design(&problem, &DesignOptions::default());
+        horizons.extend(design.map(|d| d.terminal_horizon()));
         for problem in [problem.clone(), problem.with_task(Task::Regulation)] {
             found.extend(faults(&problem, Condition::Exact));
         }
     }
     assert!(one_sided > 40, "{one_sided} plants with a missing bound");
     assert!(found.is_empty(), "{}:\n{}", found.len(), found.join("\n"));
+    // The plants are no trivial ones: many horizons, of many lengths.
+    let above_one = horizons.iter().filter(|&&h| h > 1).count();
+    horizons.sort_unstable();
+    horizons.dedup();
+    assert!(above_one > 100, "{above_one} of 200 horizons above 1");
+    assert!(horizons.len() > 8, "{horizons:?}");
 }
 
 #[test]

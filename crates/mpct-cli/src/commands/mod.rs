@@ -47,7 +47,7 @@ pub fn with_progress<T>(limits: &Limits, work: impl FnOnce(&DesignOptions<'_>) -
         }
         let row = p
             .row
-            .map_or(String::new(), |r| format!("{r} at step {}, ", p.step));
+            .map_or("K and P, ".into(), |r| format!("{r} at step {}, ", p.step));
         let message = format!("{row}horizon at least {}", p.terminal_horizon_at_least);
         waiting.at(p.rows_done as u64, message);
         if Search::is_asked_to_end() {
@@ -75,9 +75,18 @@ pub fn first_set_point(file: &ProblemFile) -> SetPoint {
     stated.unwrap_or_else(home)
 }
 
-/// A matrix as a list of rows, for JSON.
+/// With more entries than this, zeros included, a matrix is written sparse: a full one of 20 000 x 20 000 takes 24 GB.
+const FULL_UP_TO: usize = 1_000_000;
+
+/// A matrix as a list of rows, for JSON; a large one as sparse matrices stand in problem files.
 pub fn rows(m: &SparseMatrix) -> serde_json::Value {
-    serde_json::json!(m.to_dense())
+    if m.rows().saturating_mul(m.cols()) <= FULL_UP_TO {
+        return serde_json::json!(m.to_dense());
+    }
+    serde_json::json!({
+        "shape": [m.rows(), m.cols()],
+        "entries": m.entries().collect::<Vec<_>>(),
+    })
 }
 
 /// What a problem is, in one line.
@@ -139,4 +148,19 @@ pub fn vector(v: &[f64]) -> String {
         String::new()
     };
     format!("[{}{more}]", items.join(", "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn large_matrices_are_written_sparse() {
+        let full = rows(&SparseMatrix::identity(2));
+        assert_eq!(full, serde_json::json!([[1.0, 0.0], [0.0, 1.0]]));
+        let sparse = rows(&SparseMatrix::identity(1001));
+        assert_eq!(sparse["shape"], serde_json::json!([1001, 1001]));
+        assert_eq!(sparse["entries"].as_array().map(Vec::len), Some(1001));
+        assert_eq!(sparse["entries"][7], serde_json::json!([7, 7, 1.0]));
+    }
 }

@@ -29,8 +29,10 @@
 
 mod factor;
 mod pricing;
+mod rows;
 mod solve;
 mod step;
+mod stuck;
 mod tables;
 #[cfg(test)]
 mod test_problem;

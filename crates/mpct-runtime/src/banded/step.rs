@@ -3,6 +3,7 @@
 use super::solve::{Outcome, Solver};
 use super::tables::BandedTables;
 use super::workspace::{Parts, State, divide, sizes};
+use crate::candidate::into_limits;
 use crate::dense::{all_finite, axpy, dot};
 use crate::tables::NO_ROW;
 use crate::{Budget, Scalar, StepError, StepStatus, TableError, Why};
@@ -12,7 +13,7 @@ use crate::{Budget, Scalar, StepError, StepStatus, TableError, Why};
 pub struct BandedStep<'s, T> {
     /// Optimum or candidate.
     pub status: StepStatus,
-    /// `u`, length `m`. Always in `U` when the tables know `U`.
+    /// `u`, length `m`. Always in `U` when the tables know `U`; 0 when the numbers do not reach for it.
     pub input: &'s [T],
     /// `z`, in the order of the tables.
     pub solution: &'s [T],
@@ -21,7 +22,8 @@ pub struct BandedStep<'s, T> {
     /// Rows that came or went one by one, and solutions on all active rows.
     pub iterations: u32,
     /// Of a candidate, the largest violation of a row, in units of right-hand sides. Of an optimum, the largest residual of
-    /// an active row; rows that are not active are violated by [`Scalar::PRIMAL`] at most.
+    /// an active row: at most [`Scalar::PRIMAL`] or the rounding of its terms, whichever is larger. Rows that are not active are
+    /// violated by [`Scalar::PRIMAL`] at most.
     pub violation: T,
     /// `‖Hz + f + Gᵀy‖_∞` over the size of its terms; +∞ of a candidate.
     pub stationarity: T,
@@ -53,7 +55,7 @@ pub struct BandedStep<'s, T> {
 /// })
 /// .unwrap();
 /// tables.check_values().unwrap();
-/// let numbers = vec![0.0; tables.workspace_len()]; // or an array
+/// let numbers = vec![0.0_f64; tables.workspace_len()]; // or an array
 /// let indices = vec![0; tables.index_len()];
 /// let mut controller = BandedController::new(&tables, numbers, indices).unwrap();
 /// let step = controller.step(&tables, &[0.2], &[4.0], Budget::unlimited()).unwrap();
@@ -124,7 +126,7 @@ where
     ///
     /// Solves the problem; when the budget ends first, falls back to the shifted candidate (32). Time passes with every call, also with
     /// one that returns an error: the plan is shifted by one stage. `tables` must be those that the memory was made for; others of
-    /// the same sizes give other inputs, and others are refused.
+    /// the same sizes give other inputs, and others are refused (without a shift of the plan).
     ///
     /// Errors: see [`StepError`].
     pub fn step(
@@ -370,19 +372,11 @@ fn report<'w, T: Scalar>(
     input.fill(T::ZERO);
     d.gain.add_product(x, input);
     d.first_input.add_product(plan, input);
-    // U contains 0 and is convex: scaling towards 0 always ends inside. What is beyond all numbers becomes 0.
-    let mut outside = T::ONE;
-    for row in 0..d.input_rows.rows() {
-        let found = d.input_rows.dot(row, input);
-        outside = outside.max(if found.is_nan() { T::INFINITY } else { found });
-    }
-    if !all_finite(input) {
-        input.fill(T::ZERO);
-    } else if outside > T::ONE {
-        for u in input.iter_mut() {
-            *u = *u / outside;
+    into_limits(input, |input, each| {
+        for row in 0..d.input_rows.rows() {
+            each(d.input_rows.dot(row, input));
         }
-    }
+    });
     BandedStep {
         status,
         input,

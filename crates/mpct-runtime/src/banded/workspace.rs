@@ -3,6 +3,7 @@
 use super::factor::Factor;
 use super::tables::BandedTables;
 use crate::Scalar;
+use core::ops::Range;
 
 /// Variables or states whose movement is measured together.
 pub(crate) const BLOCK: usize = 16;
@@ -198,6 +199,15 @@ pub(crate) fn divide<'w, T: Scalar>(
     })
 }
 
+/// The smallest range that covers both; an empty one covers nothing.
+fn hull(a: Option<Range<usize>>, b: Range<usize>) -> Option<Range<usize>> {
+    match a {
+        _ if b.is_empty() => a,
+        None => Some(b),
+        Some(a) => Some(a.start.min(b.start)..a.end.max(b.end)),
+    }
+}
+
 impl<T: Scalar> Parts<'_, T> {
     /// What depends on the tables alone, and an empty memory. Returns the longest window of a row.
     pub fn clear(&mut self, tables: &BandedTables<'_, T>) -> usize {
@@ -209,7 +219,7 @@ impl<T: Scalar> Parts<'_, T> {
         let mut longest = 0;
         for group in 0..tables.groups() {
             let pairs = d.groups[group] as usize..d.groups[group + 1] as usize;
-            let (mut of_z, mut of_x) = (usize::MAX..0, usize::MAX..0);
+            let (mut of_z, mut of_x) = (None, None);
             let (mut reach_z, mut reach_x) = (T::ZERO, T::ZERO);
             for pair in pairs {
                 let (z, x) = (d.rows.window(pair), d.rows_state.window(pair));
@@ -223,23 +233,15 @@ impl<T: Scalar> Parts<'_, T> {
                 }
                 reach_z = reach_z.max(square_z);
                 reach_x = reach_x.max(square_x);
-                if !z.is_empty() {
-                    of_z = of_z.start.min(z.start)..of_z.end.max(z.end);
-                }
-                if !x.is_empty() {
-                    of_x = of_x.start.min(x.start)..of_x.end.max(x.end);
-                }
+                (of_z, of_x) = (hull(of_z, z), hull(of_x, x));
             }
             // A little more than the norm, for the rounding of what it bounds.
             let margin = T::ONE + T::from_f64(1e3) * T::EPSILON;
             self.reach[0][group] = reach_z.sqrt_upper() * margin;
             self.reach[1][group] = reach_x.sqrt_upper() * margin;
-            for (span, value) in self.spans.iter_mut().zip([
-                of_z.start.min(of_z.end),
-                of_z.end,
-                of_x.start.min(of_x.end),
-                of_x.end,
-            ]) {
+            let (of_z, of_x) = (of_z.unwrap_or(0..0), of_x.unwrap_or(0..0));
+            let ends = [of_z.start, of_z.end, of_x.start, of_x.end];
+            for (span, value) in self.spans.iter_mut().zip(ends) {
                 span[group] = value as u32;
             }
         }

@@ -11,6 +11,7 @@ const KIND: Kind = Kind {
     size: 3,
     width: 1,
     decades: 1.0,
+    conditioning: 2.0,
     nasty: true,
 };
 

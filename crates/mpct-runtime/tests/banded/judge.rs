@@ -25,7 +25,7 @@ pub enum Answer {
     Other,
 }
 
-/// One step in f64, everything claimed checked. `strict`: nothing but an optimum or a proof is accepted.
+/// One step in f64, everything claimed checked; with `reference` also against Clarabel.
 pub fn step(
     case: &Case,
     tables: &BandedTables<'_, f64>,
@@ -48,12 +48,6 @@ pub fn step(
         Ok((status, cost, z, input, violation)) => {
             assert!(inside(case, &input), "input outside U: {input:?}");
             if status != StepStatus::Optimal {
-                if reference {
-                    println!(
-                        "{status:?}, Clarabel {:?}",
-                        clarabel(case, &case.linear(x, r), &g, &b).0
-                    );
-                }
                 let worst = excess(&g, &b, &z);
                 // The candidate may have been moved inside of the rows: then the violation is that of the plan, below tolerance.
                 assert!(
@@ -109,15 +103,7 @@ pub fn step(
             }
             Answer::Infeasible
         }
-        Err(StepError::NoCandidate { why }) => {
-            if reference {
-                println!(
-                    "{why:?}, Clarabel {:?}",
-                    clarabel(case, &case.linear(x, r), &g, &b).0
-                );
-            }
-            Answer::Other
-        }
+        Err(StepError::NoCandidate { .. }) => Answer::Other,
         Err(other) => panic!("{other:?}"),
     }
 }

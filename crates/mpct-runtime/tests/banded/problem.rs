@@ -37,6 +37,8 @@ pub struct Kind {
     pub width: usize,
     /// Decades between the units of the variables (the square root of those of H).
     pub decades: f64,
+    /// Decades down to the smallest eigenvalue of H, about.
+    pub conditioning: f64,
     /// Repeated, nearly parallel, opposite and empty rows.
     pub nasty: bool,
 }
@@ -51,6 +53,7 @@ impl Kind {
             size,
             width: if is_grid { 1 + random.below(6) } else { 1 },
             decades: [0.0, 1.0, 3.0][random.below(3)],
+            conditioning: [2.0, 4.0][random.below(2)],
             nasty: random.below(2) == 0,
         }
     }
@@ -93,7 +96,7 @@ impl Case {
             out
         };
         let mut h = vec![0.0; nz * nz];
-        let floor = 10.0_f64.powf(-2.0 * random.uniform());
+        let floor = 10.0_f64.powf(-kind.conditioning * random.uniform());
         for v in 0..nz {
             h[v * nz + v] = floor * unit[v] * unit[v];
         }
@@ -144,7 +147,7 @@ impl Case {
         let mut first_input = vec![0.0; m * nz];
         let mut input_rows = vec![0.0; 2 * m * m];
         for i in 0..m {
-            gain[i * n + 2 * i] = random.signed();
+            gain[i * n + 2 * i] = 10.0 * random.signed();
             first_input[i * nz + i * size] = 1.0;
             input_rows[2 * i * m + i] = 2.0;
             input_rows[(2 * i + 1) * m + i] = -2.0;
@@ -203,7 +206,7 @@ impl Case {
             }
             3 => {
                 // Opposite; the gap is thin when the second state of the block is 1.
-                let gap = [1e-1, 1e-3, 1e-6][random.below(3)];
+                let gap = [1e-1, 1e-3, 1e-6, 1e-8, 1e-9, 0.0][random.below(6)];
                 let other = 0.5;
                 let mut shift = scale(&v, -1.0);
                 let bound = if upper < f64::INFINITY { upper } else { 2.0 };

@@ -23,7 +23,7 @@ fn compare(
     for _ in 0..rounds {
         let mut kind = Kind::random(&mut random, 100);
         kind.nasty = nasty;
-        kind.decades = kind.decades.min(1.0);
+        (kind.decades, kind.conditioning) = (kind.decades.min(1.0), 2.0);
         let case = Case::random(&mut random, kind);
         let (single, double) = (Owned::<f32>::new(&case), Owned::<f64>::new(&case));
         let (single, double) = (single.tables().unwrap(), double.tables().unwrap());

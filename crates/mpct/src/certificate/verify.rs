@@ -166,7 +166,7 @@ impl Checker {
         let of_rows = document.proof.spent.iter().map(|s| s.step);
         let steps = of_rows.chain(document.proof.ellipsoids.iter().map(|e| e.step));
         let (first, named) = steps.fold((usize::MAX, 0), |a, s| (a.0.min(s), a.1.max(s)));
-        if !(named <= last) {
+        if named > last {
             return Err(VerifyError::refused(
                 "a row is spent only after the terminal horizon",
             ));

@@ -181,3 +181,23 @@ fn cost_and_rows_are_those_of_the_predicted_trajectory() {
         assert!(linalg::cholesky("H", &program.hessian).is_ok());
     }
 }
+
+/// Symmetric bounds: all rows in pairs. The problem above: its bounds are symmetric nowhere.
+#[test]
+fn opposite_rows_stand_together() {
+    let opposite = |program: &Condensed, k: usize| {
+        let (g, w) = (&program.rows, &program.state_rows);
+        (0..g.ncols()).all(|j| g[(2 * k, j)] == -g[(2 * k + 1, j)])
+            && (0..w.ncols()).all(|j| w[(2 * k, j)] == -w[(2 * k + 1, j)])
+    };
+    for file in [crate::cases::academic(), crate::cases::drone()] {
+        let design = TerminalIngredients::design(&file.problem, &DesignOptions::default()).unwrap();
+        let program = condense(&design, Formulation::Implicit).unwrap();
+        let rows = program.rows.nrows();
+        assert_eq!(rows % 2, 0);
+        assert!((0..rows / 2).all(|k| opposite(&program, k)));
+    }
+    let design = TerminalIngredients::design(&problem(false), &DesignOptions::default()).unwrap();
+    let program = condense(&design, Formulation::Implicit).unwrap();
+    assert!((0..program.rows.nrows() / 2).all(|k| !opposite(&program, k)));
+}

@@ -64,6 +64,8 @@ pub(crate) struct Checker {
     /// Scratch: (x, z), and Gᵀy.
     point: Vec<f64>,
     image: Vec<f64>,
+    /// Σ |y_k G_k|.
+    terms: Vec<f64>,
 }
 
 impl Checker {
@@ -98,6 +100,7 @@ impl Checker {
             from_set_point: Bands::of(from_set_point),
             point: Vec::with_capacity(states + variables),
             image: vec![0.0; variables],
+            terms: vec![0.0; variables],
         }
     }
 
@@ -118,20 +121,26 @@ impl Checker {
         self.point.extend_from_slice(z);
     }
 
-    /// image = Gᵀy for the rows with multipliers; whether all of them exist.
+    /// image = Gᵀy and terms = Σ |y_k G_k| for the rows with multipliers; whether all of them exist.
     fn combine(&mut self, active: &[(usize, f64)]) -> bool {
-        let mut image = std::mem::take(&mut self.image);
+        let (mut image, mut terms) = (
+            std::mem::take(&mut self.image),
+            std::mem::take(&mut self.terms),
+        );
         image.fill(0.0);
+        terms.fill(0.0);
         for &(i, y) in active {
             if i < self.rows {
                 let (row, sign) = self.row(i);
                 let y = sign * y;
-                for (v, g) in image.iter_mut().zip(&row[self.states..]) {
+                let entries = image.iter_mut().zip(&mut terms);
+                for ((v, t), g) in entries.zip(&row[self.states..]) {
                     *v += y * g;
+                    *t += (y * g).abs();
                 }
             }
         }
-        self.image = image;
+        (self.image, self.terms) = (image, terms);
         active.iter().all(|&(i, _)| i < self.rows)
     }
 
@@ -177,7 +186,7 @@ impl Checker {
             let f = self.from_state.row_dot(i, x) + self.from_set_point.row_dot(i, r);
             let gty = self.image[i];
             objective += z[i] * (0.5 * hz + f);
-            let scale = 1.0 + hz.abs().max(f.abs()).max(gty.abs());
+            let scale = 1.0 + hz.abs().max(f.abs()).max(self.terms[i]);
             let residual = (hz + f + gty).abs() / scale;
             // NaN stays.
             if !(residual <= stationarity) {
@@ -209,10 +218,8 @@ impl Checker {
     /// 0 ≤ yᵀ(b − G z) ≤ bᵀy + ‖Gᵀy‖∞ ‖z‖₁. `None` when they prove nothing.
     pub(crate) fn farkas(&mut self, x: &[f64], active: &[(usize, f64)]) -> Option<Farkas> {
         let total: f64 = active.iter().map(|a| a.1).sum();
-        if !(total > 0.0 && total.is_finite()) || !active.iter().all(|a| a.1 >= 0.0) {
-            return None;
-        }
-        if !self.combine(active) {
+        let is_usable = total > 0.0 && total.is_finite() && active.iter().all(|a| a.1 >= 0.0);
+        if !is_usable || !self.combine(active) {
             return None;
         }
         let bound: f64 = active

@@ -9,7 +9,9 @@ pub(crate) struct Residuals {
     pub(crate) primal: f64,
     /// max(0, −y).
     pub(crate) dual: f64,
-    /// |H z + f + Gᵀy|, relative to 1 + the largest of its three terms, worst component.
+    /// |H z + f + Gᵀy|, worst component, relative to 1 + the largest of |H z|, |f| and Σ_k |y_k G_k|. So an answer that satisfies the
+    /// rows is the optimum of a program whose f and G differ by this much, entry by entry. Multipliers grow with the distance to
+    /// the set-point while they cancel in Gᵀy: relative to their sum no set-point would be near enough.
     pub(crate) stationarity: f64,
     /// Σ y_k (b − G z)_k, absolute value of each term summed, relative to 1 + |objective|.
     pub(crate) gap: f64,
@@ -45,22 +47,21 @@ pub(crate) fn residuals(
 ) -> Residuals {
     let (rows, nz) = (g.nrows(), g.ncols());
     let mut slack = b.to_vec();
-    let mut gty = vec![0.0; nz];
+    let (mut gty, mut terms) = (vec![0.0; nz], vec![0.0; nz]);
     for j in 0..nz {
         let column = g.col(j);
-        let mut sum = 0.0;
         for (i, &v) in column.iter().enumerate() {
             slack[i] -= v * z[j];
-            sum += v * y[i];
+            gty[j] += v * y[i];
+            terms[j] += (v * y[i]).abs();
         }
-        gty[j] = sum;
     }
     let mut stationarity = 0.0_f64;
     let mut objective = 0.0;
     for i in 0..nz {
         let hz: f64 = (0..nz).map(|j| h[(i, j)] * z[j]).sum();
         objective += z[i] * (0.5 * hz + f[i]);
-        let scale = 1.0 + hz.abs().max(f[i].abs()).max(gty[i].abs());
+        let scale = 1.0 + hz.abs().max(f[i].abs()).max(terms[i]);
         let r = (hz + f[i] + gty[i]).abs() / scale;
         stationarity = if r.is_nan() {
             f64::NAN

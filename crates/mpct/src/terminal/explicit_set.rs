@@ -4,12 +4,14 @@
 //! bound; it is then dropped for good, so that of equal rows one remains.
 
 use super::augmented::Augmented;
-use super::bank::Bank;
-use super::support::{RowId, Support};
+use super::bank::{Bank, Key};
+use super::program::{Expected, Query, Workspace};
+use super::support::{RowId, Support, Verdict};
 use crate::clock::Clock;
 use crate::error::DesignError;
 use crate::matrix::SparseMatrix;
 use crate::steady_state::SteadyStates;
+use rayon::prelude::*;
 
 /// A polytope {(x, θ) : G (x, θ) ≤ 1} of dimension n + m for tracking, n for regulation, without redundant rows.
 #[derive(Clone, Debug, PartialEq)]
@@ -98,6 +100,53 @@ pub(super) fn irredundant(
         states: n,
         origin,
     })
+}
+
+impl Support<'_> {
+    /// The sides that are not implied by the others, of equal ones the first.
+    fn irredundant(mut self, known: usize) -> Result<Vec<(RowId, bool)>, DesignError> {
+        let candidates: Vec<(Key, bool)> = (0..self.scene.bank.rows(known) as Key)
+            .flat_map(|k| [(k, true), (k, false)])
+            .filter(|&(k, upper)| {
+                let (u, l) = self.scene.bounds(k);
+                (if upper { u } else { l }).is_finite() && self.scene.bank.total(k) > 0.0
+            })
+            .collect();
+        // A row that some point of all the others violates stays, whatever else is dropped.
+        let needed: Vec<Result<bool, DesignError>> = candidates
+            .par_iter()
+            .map_init(Workspace::default, |ws, &c| self.is_needed(ws, c, known))
+            .collect();
+        let mut kept = Vec::new();
+        let mut ws = Workspace::default();
+        for (&(key, upper), needed) in candidates.iter().zip(needed) {
+            // The others may have been each other's excuse: ask again with the dropped ones gone.
+            if needed? || self.is_needed(&mut ws, (key, upper), known)? {
+                kept.push((self.id(key), upper));
+            } else {
+                self.scene.leave_out(key, upper);
+            }
+        }
+        Ok(kept)
+    }
+
+    fn is_needed(
+        &self,
+        ws: &mut Workspace,
+        (key, upper): (Key, bool),
+        known: usize,
+    ) -> Result<bool, DesignError> {
+        let (u, l) = self.scene.bounds(key);
+        let query = Query {
+            known,
+            skip: Some((key, upper)),
+            expected: Expected::NotSpent,
+            low_enough: 1.0,
+        };
+        let bound = if upper { u } else { l };
+        let verdict = self.decide(ws, key, upper, bound, &query)?;
+        Ok(!matches!(verdict, Verdict::Spent))
+    }
 }
 
 /// A row r·(e, θ) as a row of (x, θ): e = x − M_θx θ.

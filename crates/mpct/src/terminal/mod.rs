@@ -6,6 +6,7 @@ mod boxes;
 mod conic;
 mod explicit_set;
 mod horizon;
+mod options;
 mod program;
 mod proofs;
 mod simplex;
@@ -16,6 +17,7 @@ mod tests;
 pub(crate) use augmented::LawRows;
 pub(crate) use conic::ConicMultiplier;
 pub use explicit_set::MaximalAdmissibleSet;
+pub use options::{Condition, DEFAULT_MAX_HORIZON, DesignOptions, OnProgress, Phases, Progress};
 pub(crate) use proofs::Proofs;
 pub(crate) use support::RowId;
 
@@ -28,86 +30,9 @@ use crate::steady_state::SteadyStates;
 use augmented::Augmented;
 use bank::Bank;
 use boxes::Boxes;
-use serde::{Deserialize, Serialize};
-use std::fmt;
-use std::ops::ControlFlow;
 use std::sync::OnceLock;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
-
-/// Which form of (15)/(26) the terminal horizon satisfies.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Condition {
-    /// The first form: the support is taken over the constraints of all steps 0, …, M. Gives the shortest horizon.
-    #[default]
-    Exact,
-    /// The second form: the support is taken over the constraints of step 0 alone. Sufficient, and longer.
-    Sufficient,
-}
-
-impl fmt::Display for Condition {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Exact => "exact",
-            Self::Sufficient => "sufficient",
-        })
-    }
-}
-
-/// How far a search has come.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Progress {
-    /// Rows whose first spent step is known.
-    pub rows_done: usize,
-    /// Rows in all; 0 when only the count of done rows is new.
-    pub rows_total: usize,
-    /// The row last asked about.
-    pub row: Option<RowSource>,
-    /// The step at which it was asked; 0 before the first.
-    pub step: usize,
-    /// A lower bound of the terminal horizon.
-    pub terminal_horizon_at_least: usize,
-}
-
-/// What is told how far a search has come, and may end it.
-pub type OnProgress<'a> = dyn Fn(&Progress) -> ControlFlow<()> + Sync + 'a;
-
-/// Choices of a design.
-#[derive(Clone, Copy)]
-pub struct DesignOptions<'a> {
-    /// Form of the condition.
-    pub condition: Condition,
-    /// The search gives up beyond this horizon.
-    pub max_horizon: usize,
-    /// The search gives up after this time.
-    pub time_limit: Option<Duration>,
-    /// Called now and then; a `Break` ends the search with [`DesignError::Interrupted`].
-    pub progress: Option<&'a OnProgress<'a>>,
-}
-
-/// Largest terminal horizon searched unless stated otherwise.
-pub const DEFAULT_MAX_HORIZON: usize = 5000;
-
-impl Default for DesignOptions<'_> {
-    fn default() -> Self {
-        Self {
-            condition: Condition::Exact,
-            max_horizon: DEFAULT_MAX_HORIZON,
-            time_limit: None,
-            progress: None,
-        }
-    }
-}
-
-impl fmt::Debug for DesignOptions<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.debug_struct("DesignOptions")
-            .field("condition", &self.condition)
-            .field("max_horizon", &self.max_horizon)
-            .field("time_limit", &self.time_limit)
-            .finish_non_exhaustive()
-    }
-}
 
 /// Everything the guarantees of a controller rest on. Only a design makes one.
 ///
@@ -144,19 +69,6 @@ pub struct TerminalIngredients {
     linear_programs: usize,
     phases: Phases,
     elapsed: Duration,
-}
-
-/// Where the time of a design goes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Phases {
-    /// K and P (3). Zero but for the first of several designs that share them.
-    pub law: Duration,
-    /// M_θ (6) and the rows of step 0. Zero as above.
-    pub steady_states: Duration,
-    /// The rows of all steps along the terminal law, and their layout.
-    pub rows: Duration,
-    /// Linear programs (20)(29), and with ellipsoids second-order cone programs and their rows.
-    pub programs: Duration,
 }
 
 /// What a check of Assumption 1 finds.
@@ -197,7 +109,7 @@ impl TerminalIngredients {
     /// [`DesignError::HorizonNotDetermined`], [`DesignError::Interrupted`], [`DesignError::Solver`].
     pub fn design(problem: &Problem, options: &DesignOptions<'_>) -> Result<Self, DesignError> {
         let clock = Clock::start(options.time_limit);
-        let law = terminal_law(problem, &clock)?;
+        let law = terminal_law(problem, options, &clock)?;
         let of_law = clock.elapsed();
         let steady_states = SteadyStates::of(problem)?;
         let mut system = Augmented::new(problem, &law.gain, &law.closed_loop, &steady_states);
@@ -218,7 +130,7 @@ impl TerminalIngredients {
         scalings: &[f64],
         options: &DesignOptions<'_>,
     ) -> Result<Vec<Result<Self, DesignError>>, DesignError> {
-        let law = terminal_law(problem, &Clock::start(options.time_limit))?;
+        let law = terminal_law(problem, options, &Clock::start(options.time_limit))?;
         let steady_states = SteadyStates::of(problem)?;
         let mut system = Augmented::new(problem, &law.gain, &law.closed_loop, &steady_states);
         // The largest λ first: its box is the widest, and what it drops from a row is negligible for the others too.
@@ -489,8 +401,17 @@ impl TerminalIngredients {
 }
 
 /// K and P. When that is interrupted every row is still open.
-fn terminal_law(problem: &Problem, clock: &Clock) -> Result<Law, DesignError> {
-    lqr::terminal_law(problem, clock).map_err(|e| match e {
+fn terminal_law(
+    problem: &Problem,
+    options: &DesignOptions<'_>,
+    clock: &Clock,
+) -> Result<Law, DesignError> {
+    let law = if problem.plant().states() < WATCHED_FROM {
+        lqr::terminal_law(problem, clock)
+    } else {
+        watched(options, clock, || lqr::terminal_law(problem, clock))
+    };
+    law.map_err(|e| match e {
         DesignError::Interrupted { at_least, .. } => DesignError::Interrupted {
             at_least,
             rows_left: problem.rows().len() + problem.norms().len(),
@@ -509,6 +430,41 @@ fn spent_by_row(problem: &Problem, system: &Augmented, found: &horizon::Found) -
         }
     }
     spent
+}
+
+/// From this many states on K and P take long enough for somebody to want to stop them.
+const WATCHED_FROM: usize = 100;
+/// How often it is asked whether to stop while K and P are computed.
+const WATCH: Duration = Duration::from_millis(50);
+
+/// Work that tells no progress of its own: a thread beside it asks whether to stop.
+fn watched<T>(options: &DesignOptions<'_>, clock: &Clock, work: impl FnOnce() -> T) -> T {
+    let Some(progress) = options.progress else {
+        return work();
+    };
+    let is_done = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        let watcher = scope.spawn(|| {
+            while !is_done.load(Ordering::Acquire) {
+                std::thread::park_timeout(WATCH);
+                let nothing_new = Progress {
+                    rows_done: 0,
+                    rows_total: 0,
+                    row: None,
+                    step: 0,
+                    terminal_horizon_at_least: 1,
+                };
+                if !is_done.load(Ordering::Acquire) && progress(&nothing_new).is_break() {
+                    clock.stop();
+                    break;
+                }
+            }
+        });
+        let result = work();
+        is_done.store(true, Ordering::Release);
+        watcher.thread().unpark();
+        result
+    })
 }
 
 /// Which box a computation needs.

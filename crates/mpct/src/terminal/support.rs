@@ -12,7 +12,6 @@ use super::bank::{Bank, Key};
 use super::program::{Answer, Expected, Query, Scene, Workspace};
 use crate::clock::Clock;
 use crate::error::DesignError;
-use rayon::prelude::*;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -67,7 +66,7 @@ pub(super) enum Verdict {
 
 /// The rows of a system up to some step, ready for queries.
 pub(super) struct Support<'a> {
-    scene: Scene<'a>,
+    pub(super) scene: Scene<'a>,
     /// Whether programs on some of the variables are tried first.
     local: bool,
     programs: AtomicUsize,
@@ -181,53 +180,8 @@ impl<'a> Support<'a> {
             .collect()
     }
 
-    /// The sides that are not implied by the others, of equal ones the first.
-    pub(super) fn irredundant(mut self, known: usize) -> Result<Vec<(RowId, bool)>, DesignError> {
-        let candidates: Vec<(Key, bool)> = (0..self.scene.bank.rows(known) as Key)
-            .flat_map(|k| [(k, true), (k, false)])
-            .filter(|&(k, upper)| {
-                let (u, l) = self.scene.bounds(k);
-                (if upper { u } else { l }).is_finite() && self.scene.bank.total(k) > 0.0
-            })
-            .collect();
-        // A row that some point of all the others violates stays, whatever else is dropped.
-        let needed: Vec<Result<bool, DesignError>> = candidates
-            .par_iter()
-            .map_init(Workspace::default, |ws, &c| self.is_needed(ws, c, known))
-            .collect();
-        let mut kept = Vec::new();
-        let mut ws = Workspace::default();
-        for (&(key, upper), needed) in candidates.iter().zip(needed) {
-            // The others may have been each other's excuse: ask again with the dropped ones gone.
-            if needed? || self.is_needed(&mut ws, (key, upper), known)? {
-                kept.push((self.id(key), upper));
-            } else {
-                self.scene.leave_out(key, upper);
-            }
-        }
-        Ok(kept)
-    }
-
-    fn is_needed(
-        &self,
-        ws: &mut Workspace,
-        (key, upper): (Key, bool),
-        known: usize,
-    ) -> Result<bool, DesignError> {
-        let (u, l) = self.scene.bounds(key);
-        let query = Query {
-            known,
-            skip: Some((key, upper)),
-            expected: Expected::NotSpent,
-            low_enough: 1.0,
-        };
-        let bound = if upper { u } else { l };
-        let verdict = self.decide(ws, key, upper, bound, &query)?;
-        Ok(!matches!(verdict, Verdict::Spent))
-    }
-
     /// Decides whether the side of a row is at most `bound` over the rows of the query.
-    fn decide(
+    pub(super) fn decide(
         &self,
         ws: &mut Workspace,
         key: Key,
@@ -389,7 +343,7 @@ impl<'a> Support<'a> {
         }
     }
 
-    fn id(&self, key: Key) -> RowId {
+    pub(super) fn id(&self, key: Key) -> RowId {
         match self.scene.bank.place(key) {
             (0, pair) => RowId::Static(pair),
             (layer, pair) => RowId::Moving(pair, layer - 1),

@@ -1,6 +1,8 @@
 //! Horizons with known values, and the local search against the whole one.
 
+use super::watched;
 use crate::certificate::{Certificate, VerifyOptions, verify};
+use crate::clock::Clock;
 use crate::{
     Condition, Constraints, DesignError, DesignOptions, Matrix, Plant, Problem, SparseMatrix,
     TerminalIngredients, Weights,
@@ -98,7 +100,6 @@ fn carts_are_searched_locally() {
 }
 
 #[test]
-#[ignore = "slow: seconds"]
 fn two_hundred_carts_are_certified() {
     let ingredients = TerminalIngredients::design(&carts(200), &DesignOptions::default()).unwrap();
     assert_eq!(ingredients.terminal_horizon(), 13);
@@ -182,6 +183,35 @@ fn a_search_can_be_stopped() {
     };
     let stopped = TerminalIngredients::design(&carts(40), &options);
     assert!(matches!(stopped, Err(DesignError::Interrupted { .. })));
+}
+
+/// Work that goes on until the clock rings, which only the watcher beside it can make it do.
+#[test]
+fn work_without_progress_can_be_stopped() {
+    let stop = |_: &crate::Progress| ControlFlow::Break(());
+    let options = DesignOptions {
+        progress: Some(&stop),
+        ..DesignOptions::default()
+    };
+    let clock = Clock::unlimited();
+    let rounds = watched(&options, &clock, || {
+        let mut rounds = 0_u64;
+        while !clock.has_stopped() {
+            std::thread::yield_now();
+            rounds += 1;
+        }
+        rounds
+    });
+    assert!(rounds > 0);
+    // Work that ends by itself is not held up, and nobody stops the clock.
+    let go_on = |_: &crate::Progress| ControlFlow::Continue(());
+    let options = DesignOptions {
+        progress: Some(&go_on),
+        ..DesignOptions::default()
+    };
+    let clock = Clock::unlimited();
+    assert_eq!(watched(&options, &clock, || 7), 7);
+    assert!(!clock.has_stopped());
 }
 
 /// Units do not matter when the weights are stated in them.
