@@ -1,6 +1,6 @@
 //! Model predictive control for tracking whose terminal ingredients scale.
 //!
-//! A linear plant x⁺ = A x + B u under polytopic constraints follows set-points that jump. The terminal set of the
+//! A linear plant x⁺ = A x + B u under polytopic and ellipsoidal constraints follows set-points that jump. The terminal set of the
 //! controller is implicit: the terminal control law runs for M̃ more steps, and M̃ is found offline by linear
 //! programs (Luque, Chanfreut, Limón, Maestre, Automatica 179, 2025; equation numbers refer to it).
 //!

@@ -407,6 +407,14 @@ fn norm_of(
             }
         }
     }
+    let far = offset
+        .iter()
+        .fold(0.0, |s, h| add_up(s, mul_up(h.magnitude(), h.magnitude())));
+    if !(far < 1.0) {
+        return Err(VerifyError::refused(format!(
+            "the operating point is not strictly inside {name}"
+        )));
+    }
     let components = e
         .iter()
         .zip(&w)
