@@ -46,6 +46,7 @@ impl ReportData {
                 .map(|e| (e.horizon_extension(), e.gamma())),
             prediction_horizon: problem.prediction_horizon(),
             terminal_horizon: ingredients.terminal_horizon(),
+            minimal: ingredients.is_minimal(),
             condition: match ingredients.condition() {
                 Condition::Exact => "exact",
                 Condition::Sufficient => "sufficient",

@@ -44,6 +44,7 @@ fn synthetic(n: usize, m: usize, steps: usize) -> ReportData {
         extension: None,
         prediction_horizon: 5,
         terminal_horizon: 92,
+        minimal: true,
         condition: "exact".into(),
         scaling: 0.9,
         linear_programs: 812,

@@ -203,7 +203,7 @@ impl Controller {
         formulation: Formulation,
     ) -> Result<Self, DesignError> {
         let problem = ingredients.problem();
-        let online = Regime::new(&ingredients, formulation)?;
+        let online = Regime::choose(&ingredients, formulation)?;
         let equilibria = match problem.task() {
             Task::Tracking => Some(Equilibria::new(problem, ingredients.steady_states())?),
             Task::Regulation => None,

@@ -37,7 +37,7 @@ pub(super) struct Online {
 
 impl Regime {
     /// The solver for a formulation.
-    pub(super) fn new(
+    pub(super) fn choose(
         ingredients: &TerminalIngredients,
         formulation: Formulation,
     ) -> Result<Online, DesignError> {

@@ -27,7 +27,7 @@ fn design(problem: &Problem) -> TerminalIngredients {
 
 fn banded(ingredients: &TerminalIngredients) -> Regime {
     let formulation = ingredients.problem().formulation();
-    let solver = Regime::new(ingredients, formulation).unwrap().solver;
+    let solver = Regime::choose(ingredients, formulation).unwrap().solver;
     assert!(matches!(solver, Regime::Banded(_)));
     solver
 }
@@ -133,7 +133,7 @@ fn plants_without_structure_and_small_ones_stay_dense() {
         crate::cases::carts(10).unwrap().problem,
         grid(5, 5).unwrap(),
     ] {
-        let solver = Regime::new(&design(&problem), problem.formulation())
+        let solver = Regime::choose(&design(&problem), problem.formulation())
             .unwrap()
             .solver;
         assert!(matches!(solver, Regime::Dense(_)));
@@ -160,7 +160,7 @@ fn ellipsoids_have_a_regime_of_their_own() {
             .and_then(|p| p.with_prediction_horizon(20))
             .unwrap();
         let ingredients = design(&problem);
-        Regime::new(&ingredients, problem.formulation()).unwrap()
+        Regime::choose(&ingredients, problem.formulation()).unwrap()
     };
     assert!(matches!(of(boxes.clone()).solver, Regime::Banded(_)));
     let with_disc = of(boxes.input_ellipsoid(0.5).unwrap());

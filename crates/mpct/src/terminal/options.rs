@@ -33,7 +33,7 @@ pub struct Progress {
     pub rows_done: usize,
     /// Rows in all; 0 while K and P are computed.
     pub rows_total: usize,
-    /// The row last asked about; `None` while K and P are computed.
+    /// The row or ellipsoid last asked about; `None` while K and P are computed.
     pub row: Option<RowSource>,
     /// The step at which it was asked; 0 before the first.
     pub step: usize,
