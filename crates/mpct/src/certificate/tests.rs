@@ -332,6 +332,15 @@ fn every_kind_of_change_to_ellipsoids_is_refused() {
         refused(&text, "a larger scaling", |v| {
             scale(&mut v["claim"]["scaling"], 1.05)
         });
+        refused(&text, "the exact condition", |v| {
+            v["claim"]["condition"] = json!("exact")
+        });
+        refused(&text, "a box of more steps than the first spent one", |v| {
+            v["proof"]["box_steps"] = json!(1000)
+        });
+        refused(&text, "a coordinate without a box", |v| {
+            v["proof"]["boxes"][0]["half_width"] = json!(null)
+        });
         let supports = last["supports"].as_array().unwrap();
         refused(&text, "an axis left out", |v| {
             let list = v["proof"]["ellipsoids"][k]["supports"]
