@@ -10,6 +10,7 @@ use crate::search;
 use crate::step::PyStep;
 use mpct::{AdmissibleSetPoint, CondensedQp, Controller, Formulation, SetPoint};
 use numpy::{PyArray1, PyArray2};
+use pyo3::exceptions::PyNotImplementedError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -76,8 +77,14 @@ pub type Program<'py> = (
     Bound<'py, PyArray1<f64>>,
 );
 
-/// A quadratic program for Python.
+/// A quadratic program for Python; one with ellipsoids is more than H, f, G and b.
 pub fn program(py: Python<'_>, qp: CondensedQp) -> PyResult<Program<'_>> {
+    if !qp.cones.is_empty() {
+        return Err(PyNotImplementedError::new_err(format!(
+            "the program of this step has {} second-order cones besides its rows; qp gives programs with rows alone",
+            qp.cones.len()
+        )));
+    }
     Ok((
         convert::to_array2(py, qp.hessian)?,
         convert::to_array(py, qp.linear),

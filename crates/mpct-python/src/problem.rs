@@ -54,6 +54,8 @@ use std::path::{Path, PathBuf};
 ///     K of the terminal law u = K x + L θ; that of the linear quadratic regulator unless stated.
 /// name : str, optional
 ///     A name.
+/// state_ellipsoid, input_ellipsoid : float or array_like, optional
+///     E of (x − x_op)ᵀE(x − x_op) ≤ 1, or of the same of u: E = e I, diag(e) or a symmetric positive semidefinite matrix.
 ///
 /// Raises
 /// ------
@@ -97,7 +99,7 @@ type Block<'py> = (
 #[pymethods]
 impl PyProblem {
     #[new]
-    #[pyo3(signature = (plant, state=None, input=None, mixed=None, *, Q, R, O, O_input=None, horizon=10, scaling=0.9, task="tracking", formulation="implicit", terminal_cost="exact", horizon_extension=None, gamma=None, alpha=None, gain=None, name=""))]
+    #[pyo3(signature = (plant, state=None, input=None, mixed=None, *, Q, R, O, O_input=None, horizon=10, scaling=0.9, task="tracking", formulation="implicit", terminal_cost="exact", horizon_extension=None, gamma=None, alpha=None, gain=None, name="", state_ellipsoid=None, input_ellipsoid=None))]
     #[allow(non_snake_case, clippy::too_many_arguments)]
     fn new(
         py: Python<'_>,
@@ -119,10 +121,24 @@ impl PyProblem {
         alpha: Option<f64>,
         gain: Option<Bound<'_, PyAny>>,
         name: &str,
+        state_ellipsoid: Option<Bound<'_, PyAny>>,
+        input_ellipsoid: Option<Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
         let plant = plant.inner.clone();
-        let constraints =
+        let mut constraints =
             parts::constraints(py, &plant, state.as_ref(), input.as_ref(), mixed.as_ref())?;
+        if let Some(e) = &state_ellipsoid {
+            let e = parts::weight("state_ellipsoid", e)?;
+            constraints = constraints
+                .state_ellipsoid(e)
+                .map_err(|e| errors::design(py, &e))?;
+        }
+        if let Some(e) = &input_ellipsoid {
+            let e = parts::weight("input_ellipsoid", e)?;
+            constraints = constraints
+                .input_ellipsoid(e)
+                .map_err(|e| errors::design(py, &e))?;
+        }
         let mut weights = Weights::new(
             parts::weight("Q", &Q)?,
             parts::weight("R", &R)?,
@@ -203,7 +219,7 @@ impl PyProblem {
     /// Parameters
     /// ----------
     /// state, input, mixed : optional
-    ///     Constraints as in `Problem`; what is not stated stays.
+    ///     Constraints as in `Problem`; what is not stated stays, and so do ellipsoids.
     /// Q, R, O, O_input : float or array_like, optional
     ///     Weights.
     /// horizon, scaling, task, formulation, terminal_cost, horizon_extension, gamma, alpha, gain, name : optional
@@ -260,6 +276,8 @@ impl PyProblem {
                 None => self.mixed(py)?.into_pyobject(py)?.into_any(),
             };
             parts::constraints(py, &plant, Some(&state), Some(&input), Some(&mixed))?
+                .with_ellipsoids_of(old.constraints())
+                .map_err(|e| errors::design(py, &e))?
         };
         let mut choices = Choices::of(old);
         if let Some(horizon) = horizon {

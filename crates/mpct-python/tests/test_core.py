@@ -248,6 +248,23 @@ def test_mixed_blocks():
             academic_problem(mixed=wrong)
 
 
+def test_ellipsoids():
+    plant = mpct.Plant([[1.0, 1.0], [0.0, 1.0]], [[0.0, 0.5], [1.0, 0.5]])
+    discs = {"state_ellipsoid": 1 / 9, "input_ellipsoid": [0.25, 0.25]}
+    problem = mpct.Problem(plant, **discs, Q=10, R=100, O=1e4)
+    # The horizon that polygons with 128 sides have too.
+    assert problem.rows == 0 and problem.design().terminal_horizon == 5
+    assert mpct.Problem.from_toml(problem.to_toml()) == problem
+    narrow = problem.replace(input=(-1, 1))
+    assert narrow.rows == 4 and narrow.to_toml().count("[[constraints.ellipsoid]]") == 2
+    step = problem.design().controller().step([-2, 2], [2, 0.5])
+    assert np.linalg.norm(step.u) <= 2 and step.admissible
+    with pytest.raises(NotImplementedError, match="cones"):
+        problem.qp([0, 0], [2, 0.5])
+    with pytest.raises(mpct.DesignError, match="eigenvalue"):
+        mpct.Problem(plant, state_ellipsoid=[1, -1], Q=10, R=100, O=1e4)
+
+
 def test_replace_changes_what_is_named(problem):
     changed = problem.replace(Q=[1, 2], R=5, O_input=1.0, horizon=4, name="other")
     np.testing.assert_array_equal(changed.Q, np.diag([1.0, 2.0]))

@@ -57,10 +57,13 @@ pub struct DesignNumbers {
     pub terminal_horizon: usize,
     /// "exact" or "sufficient".
     pub condition: String,
+    /// Whether one step less is shown to be too few; asked for with ellipsoids alone.
+    pub minimal: bool,
     pub scaling: f64,
     pub linear_programs: usize,
     pub seconds: f64,
     pub constraint_rows: usize,
+    pub ellipsoids: usize,
     /// Q, R and O in words.
     pub weights: String,
     /// The first step at which each constraint row is spent, the row in words.
@@ -77,7 +80,10 @@ pub struct CertificateNumbers {
     /// Smallest of 1 − support/bound over the rows.
     pub smallest_margin: f64,
     pub tightest_row: String,
+    /// Rows and ellipsoids.
     pub rows: usize,
+    /// How many of them are ellipsoids.
+    pub ellipsoids: usize,
     pub rows_to_tolerance: usize,
     pub lyapunov_residual: f64,
     /// By how much one step less breaks a bound.

@@ -46,6 +46,7 @@ impl ReportData {
                 .map(|e| (e.horizon_extension(), e.gamma())),
             prediction_horizon: problem.prediction_horizon(),
             terminal_horizon: ingredients.terminal_horizon(),
+            minimal: ingredients.is_minimal(),
             condition: match ingredients.condition() {
                 Condition::Exact => "exact",
                 Condition::Sufficient => "sufficient",
@@ -55,6 +56,7 @@ impl ReportData {
             linear_programs: ingredients.linear_programs(),
             seconds: ingredients.elapsed().as_secs_f64(),
             constraint_rows: problem.rows().len(),
+            ellipsoids: problem.norms().len(),
             weights,
             spent,
             certificate: None,
@@ -151,7 +153,7 @@ fn row_name(source: RowSource, states: &[Signal], inputs: &[Signal]) -> String {
         RowSource::StateUpper(i) => bound(&states[i], "≤", states[i].upper),
         RowSource::InputLower(i) => bound(&inputs[i], "≥", inputs[i].lower),
         RowSource::InputUpper(i) => bound(&inputs[i], "≤", inputs[i].upper),
-        RowSource::Mixed { .. } => source.to_string(),
+        RowSource::Mixed { .. } | RowSource::Ellipsoid(_) => source.to_string(),
     }
 }
 

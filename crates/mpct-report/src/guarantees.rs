@@ -29,6 +29,7 @@ impl ReportData {
                 smallest_margin: v.smallest_margin,
                 tightest_row: named(&v.tightest_row, &self),
                 rows: v.rows_rigorous + v.rows_to_tolerance,
+                ellipsoids: v.ellipsoids,
                 rows_to_tolerance: v.rows_to_tolerance,
                 lyapunov_residual: v.lyapunov_residual,
                 witness: v.witness,
@@ -102,6 +103,12 @@ pub fn guarantees(data: &ReportData) -> String {
         ("M̃", "(29)")
     };
     let form = match d.condition.as_str() {
+        _ if d.ellipsoids > 0 && d.minimal => {
+            "shown to be the smallest with ellipsoids: a point refutes one step less"
+        }
+        _ if d.ellipsoids > 0 => {
+            "sufficient: the smallest for which proofs were found with ellipsoids"
+        }
         "exact" => "first form, exact: the smallest integer for which the set is invariant",
         "sufficient" => "second form, sufficient: the exact horizon may be shorter",
         other => other,
@@ -128,7 +135,14 @@ pub fn guarantees(data: &ReportData) -> String {
                 "{symbol} = {} by {reference}, {}; {} in {}",
                 d.terminal_horizon,
                 escape(form),
-                count(d.linear_programs, "linear program"),
+                count(
+                    d.linear_programs,
+                    if d.ellipsoids > 0 {
+                        "linear or second-order cone program"
+                    } else {
+                        "linear program"
+                    }
+                ),
                 duration(d.seconds)
             ),
         ),
@@ -185,8 +199,12 @@ fn proof(data: &ReportData) -> Vec<(&'static str, String)> {
             pairs.push((
                 "Proof",
                 format!(
-                    "{} implied by the steps before, with bounds on every rounding error{tolerance}; smallest margin {} of a bound ({}); x\u{1d40}Px falls in every step by the stage cost to within {} of it",
-                    count(c.rows, "row"),
+                    "{}{} implied by the steps before, with bounds on every rounding error{tolerance}; smallest margin {} of a bound ({}); x\u{1d40}Px falls in every step by the stage cost to within {} of it",
+                    count(c.rows.saturating_sub(c.ellipsoids), "row"),
+                    match c.ellipsoids {
+                        0 => String::new(),
+                        k => format!(" and {}", count(k, "ellipsoid")),
+                    },
                     number(c.smallest_margin),
                     escape(&c.tightest_row),
                     number(c.lyapunov_residual)

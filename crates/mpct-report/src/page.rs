@@ -67,8 +67,12 @@ fn problem_words(data: &ReportData) -> String {
     }
     write!(
         words,
-        ", under {}. The {} controller for {} predicts N = {} steps; its set-points are kept in λΘ with λ = {}.",
+        ", under {}{}. The {} controller for {} predicts N = {} steps; its set-points are kept in λΘ with λ = {}.",
         count(d.constraint_rows, "constraint row"),
+        match d.ellipsoids {
+            0 => String::new(),
+            k => format!(" and {}", count(k, "ellipsoid")),
+        },
         escape(&d.formulation),
         escape(&d.task),
         d.prediction_horizon,

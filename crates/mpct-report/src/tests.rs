@@ -44,11 +44,13 @@ fn synthetic(n: usize, m: usize, steps: usize) -> ReportData {
         extension: None,
         prediction_horizon: 5,
         terminal_horizon: 92,
+        minimal: true,
         condition: "exact".into(),
         scaling: 0.9,
         linear_programs: 812,
         seconds: 0.31,
         constraint_rows: 2 * (n + m),
+        ellipsoids: 0,
         weights: "Q = 10 I, R = 100 I, O = 1e6 I".into(),
         spent: (0..n + m)
             .flat_map(|i| {

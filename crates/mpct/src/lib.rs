@@ -1,6 +1,6 @@
 //! Model predictive control for tracking whose terminal ingredients scale.
 //!
-//! A linear plant x⁺ = A x + B u under polytopic constraints follows set-points that jump. The terminal set of the
+//! A linear plant x⁺ = A x + B u under polytopic and ellipsoidal constraints follows set-points that jump. The terminal set of the
 //! controller is implicit: the terminal control law runs for M̃ more steps, and M̃ is found offline by linear
 //! programs (Luque, Chanfreut, Limón, Maestre, Automatica 179, 2025; equation numbers refer to it).
 //!
@@ -24,16 +24,16 @@ mod steady_state;
 pub mod terminal;
 
 pub use control::{
-    AdmissibleSetPoint, CandidateReason, CondensedQp, Controller, ImplicitTerminalCost, SetPoint,
-    Step, StepStatus,
+    AdmissibleSetPoint, CandidateReason, CondensedCone, CondensedQp, Controller,
+    ImplicitTerminalCost, SetPoint, Step, StepStatus,
 };
 pub use error::{DesignError, StepError};
 pub use matrix::{Matrix, SparseMatrix};
 pub use mpct_runtime as runtime;
 pub use problem::file::{FileError, ProblemFile};
 pub use problem::{
-    Constraints, Formulation, Labels, NoTerminalConstraint, OperatingPoint, Plant, Problem,
-    RowSource, Task, TerminalCost, Weight, Weights,
+    Constraints, Ellipsoid, EllipsoidShape, Formulation, Labels, NoTerminalConstraint,
+    NormConstraint, OperatingPoint, Plant, Problem, RowSource, Task, TerminalCost, Weight, Weights,
 };
 pub use simulation::{
     Disturbance, Run, RunStep, ScheduledSetPoint, Simulation, SimulationError, Summary, simulate,

@@ -119,7 +119,8 @@ pub struct Summary {
     pub final_state: Vec<f64>,
     /// The last artificial state.
     pub final_artificial_state: Vec<f64>,
-    /// The largest violation of a constraint at any step, in the units of its row; 0 when there is none.
+    /// The largest violation of a constraint at any step, in the units of its row, of an ellipsoid as ‖F x + G u + h‖ − 1; 0 when
+    /// there is none.
     pub worst_violation: f64,
 }
 
@@ -238,6 +239,16 @@ pub fn simulate_until(
             violation: by * rows.scale[i],
         });
     }
+    let no_input = vec![0.0; m];
+    for bound in problem.norms().iter().filter(|b| !b.has_input()) {
+        let by = bound.value(&start, &no_input) - 1.0;
+        if by > INSIDE {
+            return Err(SimulationError::InitialState {
+                row: bound.source,
+                violation: by,
+            });
+        }
+    }
     let mut x = simulation.initial_state.clone();
     let mut run = Run {
         steps: Vec::with_capacity(simulation.steps.min(1 << 20)),
@@ -287,6 +298,10 @@ pub fn simulate_until(
         summary.max_solve_seconds = summary.max_solve_seconds.max(seconds);
         summary.mean_solve_seconds += (seconds - summary.mean_solve_seconds) / (k + 1) as f64;
         if let Some((_, by)) = rows.worst_violation(&shifted_x, &shifted_u) {
+            summary.worst_violation = summary.worst_violation.max(by);
+        }
+        for bound in problem.norms() {
+            let by = bound.value(&shifted_x, &shifted_u) - 1.0;
             summary.worst_violation = summary.worst_violation.max(by);
         }
         summary

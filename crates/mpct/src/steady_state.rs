@@ -85,7 +85,21 @@ impl SteadyStates {
                     *value.entry(i).or_default() += c * v;
                 }
             }
-            let nearest = value.values().fold(0.0_f64, |a, &v| a.max(v.abs()));
+            let mut nearest = value.values().fold(0.0_f64, |a, &v| a.max(v.abs()));
+            for bound in problem.norms() {
+                let mut point = (vec![0.0; n], vec![0.0; m]);
+                for &(j, v) in column.iter() {
+                    let j = j as usize;
+                    if j < n {
+                        point.0[j] = v
+                    } else {
+                        point.1[j - n] = v
+                    }
+                }
+                let linear = (0..bound.dimension())
+                    .map(|k| bound.f.row_dot(k, &point.0) + bound.g.row_dot(k, &point.1));
+                nearest = nearest.max(linear.fold(0.0, f64::hypot));
+            }
             // A column that no constraint sees keeps its scale; the design refuses it by name.
             if nearest > 0.0 && nearest.is_finite() {
                 for e in column.iter_mut() {

@@ -19,6 +19,7 @@ pub fn run(arguments: &Check) -> Result<(), Failure> {
             "n": problem.plant().states(),
             "m": problem.plant().inputs(),
             "constraint_rows": problem.rows().len(),
+            "ellipsoids": problem.norms().len(),
             "spectral_radius": assumption.spectral_radius,
             "setpoints": set_points.iter().map(|s| json!({
                 "from_step": s.from_step,

@@ -118,7 +118,9 @@ fn as_json(ingredients: &TerminalIngredients, terminal_rows: Option<usize>) -> s
         },
         "terminal_horizon": ingredients.terminal_horizon(),
         "condition": ingredients.condition(),
+        "minimal": ingredients.is_minimal(),
         "constraint_rows": ingredients.constraint_rows(),
+        "ellipsoids": problem.norms().len(),
         "spent_steps": ingredients
             .spent_steps()
             .iter()
@@ -154,9 +156,14 @@ fn as_text(ingredients: &TerminalIngredients, terminal_rows: Option<usize>) -> S
     line(
         "terminal horizon",
         format!(
-            "{} ({} condition)",
+            "{} ({} condition{})",
             ingredients.terminal_horizon(),
-            ingredients.condition()
+            ingredients.condition(),
+            if problem.norms().is_empty() || ingredients.is_minimal() {
+                ""
+            } else {
+                "; sufficient, not shown to be the smallest"
+            }
         ),
     );
     line("scaling", problem.scaling().to_string());

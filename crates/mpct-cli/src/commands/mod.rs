@@ -101,11 +101,21 @@ pub fn headline(problem: &Problem) -> String {
         .sampling_time()
         .map_or(String::new(), |t| format!(", sampled every {t} s"));
     format!(
-        "{name}: {} states, {} inputs, {} constraint rows{time}",
+        "{name}: {} states, {} inputs, {} constraint rows{}{time}",
         plant.states(),
         plant.inputs(),
-        problem.rows().len()
+        problem.rows().len(),
+        ellipsoids(problem.norms().len())
     )
+}
+
+/// ", 2 ellipsoids"; nothing without one.
+fn ellipsoids(count: usize) -> String {
+    match count {
+        0 => String::new(),
+        1 => ", 1 ellipsoid".into(),
+        _ => format!(", {count} ellipsoids"),
+    }
 }
 
 /// A duration for people.

@@ -30,6 +30,7 @@ pub fn run(arguments: &Verify) -> Result<(), Failure> {
             "tightest_row": verified.tightest_row,
             "rows_rigorous": verified.rows_rigorous,
             "rows_to_tolerance": verified.rows_to_tolerance,
+            "ellipsoids": verified.ellipsoids,
             "lyapunov_residual": verified.lyapunov_residual,
             "steady_state_residual": verified.steady_state_residual,
             "witness": verified.witness,

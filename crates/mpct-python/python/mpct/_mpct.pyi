@@ -126,6 +126,8 @@ class Problem:
         alpha: float | None = None,
         gain: ArrayLike | None = None,
         name: str = "",
+        state_ellipsoid: ArrayLike | None = None,
+        input_ellipsoid: ArrayLike | None = None,
     ) -> Problem: ...
     @staticmethod
     def read(path: str | PathLike[str]) -> Problem: ...

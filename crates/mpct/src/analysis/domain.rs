@@ -1,22 +1,25 @@
 //! The domain of attraction X_{N+M̃}: the states at which the controller's program is feasible (Theorem 4).
 //!
-//! It is the projection of the polytope {(x, z) : W x + G z ≤ 1} on x. It is never projected: every question asked here
-//! is a linear program over (x, z), and every answer comes with what proves it.
+//! It is the projection of the polytope {(x, z) : W x + G z ≤ 1} on x, with ellipsoids of its intersection with cones. It is never
+//! projected: every question asked here is a linear program over (x, z), or one with second-order cones, and every answer
+//! comes with what proves it.
 
 use super::polygon::{Polygon, Touch, outline};
 use super::program::{ProgramRow, StateProgram, failure};
+use super::region_shape::{CURVED_HULL, CURVED_OUTLINE};
 use super::volume::{Support, Volume, volume};
 use crate::control::Controller;
 use crate::error::DesignError;
 use crate::linalg::Dense;
-use crate::optimization::{Body, verify};
+use crate::optimization::conic_verify::{self, Cone};
+use crate::optimization::{Body, norm};
 use serde::Serialize;
 
 /// A state is inside when a z violates no row by more than this (right-hand sides are 1 at the operating point):
 /// rounding of the plant's step that led there.
 pub const MEMBERSHIP: f64 = 1e-9;
 /// Tolerance of an outline unless stated otherwise, as a share of the half-widths. The support queries are accurate to
-/// about a hundredth of it.
+/// about a hundredth of it. With ellipsoids the outline is curved, and [`CURVED_OUTLINE`](super::CURVED_OUTLINE) holds.
 pub const OUTLINE: f64 = 1e-6;
 /// A proof of infeasibility must hold for every z with ‖z‖₁ below this.
 const FARKAS_RADIUS: f64 = 1e6;
@@ -135,8 +138,23 @@ impl DomainOfAttraction {
                 slack: deepest.depth,
             });
         }
-        let proof = verify::farkas(&body.rows, &body.bounds, &deepest.multipliers)
-            .filter(|p| p.radius >= FARKAS_RADIUS);
+        let cones: Vec<Cone<'_>> = body
+            .balls
+            .iter()
+            .map(|b| Cone {
+                map: &b.map,
+                offset: &b.offset,
+                radius: b.radius,
+            })
+            .collect();
+        let proof = conic_verify::farkas(
+            &body.rows,
+            &body.bounds,
+            &cones,
+            &deepest.multipliers,
+            &deepest.balls,
+        )
+        .filter(|p| p.radius >= FARKAS_RADIUS);
         let Some(proof) = proof else {
             return Err(DesignError::Solver {
                 what: what.into(),
@@ -146,13 +164,13 @@ impl DomainOfAttraction {
                 ),
             });
         };
-        let total: f64 = deepest.multipliers.iter().sum();
-        let mut rows: Vec<(ProgramRow, f64)> = self
-            .program
-            .names
-            .iter()
+        let sizes = deepest.balls.iter().map(|w| norm(w));
+        let sizes: Vec<f64> = deepest.multipliers.iter().copied().chain(sizes).collect();
+        let total: f64 = sizes.iter().sum();
+        let names = self.program.names.iter().chain(&self.program.cone_names);
+        let mut rows: Vec<(ProgramRow, f64)> = names
             .copied()
-            .zip(deepest.multipliers.iter().map(|y| y / total))
+            .zip(sizes.iter().map(|y| y / total))
             .collect();
         rows.sort_by(|a, b| b.1.total_cmp(&a.1));
         let largest = rows[0].1;
@@ -214,7 +232,7 @@ impl DomainOfAttraction {
     /// [`DesignError::OutOfRange`] for equal coordinates or ones out of range; [`DesignError::Unbounded`],
     /// [`DesignError::Solver`].
     pub fn projection(&self, coordinates: (usize, usize)) -> Result<Polygon, DesignError> {
-        self.projection_within(coordinates, OUTLINE)
+        self.projection_within(coordinates, self.tolerance())
     }
 
     /// The projection with another tolerance, a share of the half-widths.
@@ -249,7 +267,16 @@ impl DomainOfAttraction {
         (x[coordinates.0], x[coordinates.1]) = (0.0, 0.0);
         let body = self.program.body(&x, &self.program.plane(coordinates));
         let inside = self.interior(&body, "a section of the domain of attraction", &x)?;
-        self.outline(&body, &inside, coordinates, (0, 1), OUTLINE)
+        self.outline(&body, &inside, coordinates, (0, 1), self.tolerance())
+    }
+
+    /// That of a polygon, or of a curve.
+    fn tolerance(&self) -> f64 {
+        if self.program.cone_names.is_empty() {
+            OUTLINE
+        } else {
+            CURVED_OUTLINE
+        }
     }
 
     /// The volume of the domain, for plants of up to three states.
@@ -260,7 +287,12 @@ impl DomainOfAttraction {
         let n = self.program.states();
         let body = self.program.body(&vec![0.0; n], &Dense::identity(n, n));
         let inside = vec![0.0; body.variables()];
-        volume("the domain of attraction", n, OUTLINE, |d| {
+        let tolerance = if n > 2 && !self.program.cone_names.is_empty() {
+            CURVED_HULL
+        } else {
+            self.tolerance()
+        };
+        volume("the domain of attraction", n, tolerance, |d| {
             let mut c = vec![0.0; body.variables()];
             c[..n].copy_from_slice(d);
             let value = body

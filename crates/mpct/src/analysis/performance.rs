@@ -28,7 +28,8 @@ pub struct Settling {
 pub struct ConstraintMargin {
     /// The constraint.
     pub row: RowSource,
-    /// The smallest room over the run, in the unit of the row; negative when it was violated.
+    /// The smallest room over the run, in the unit of the row, 1 − ‖F x + G u + h‖ for an ellipsoid; negative when it was
+    /// violated.
     pub margin: f64,
     /// The same as a share of the room at the operating point.
     pub share: f64,
@@ -170,7 +171,9 @@ fn margins(run: &Run, problem: &Problem) -> Vec<ConstraintMargin> {
     let mut margins: Vec<ConstraintMargin> = rows
         .source
         .iter()
-        .map(|&row| ConstraintMargin {
+        .copied()
+        .chain(problem.norms().iter().map(|b| b.source))
+        .map(|row| ConstraintMargin {
             row,
             margin: f64::INFINITY,
             share: f64::INFINITY,
@@ -181,10 +184,20 @@ fn margins(run: &Run, problem: &Problem) -> Vec<ConstraintMargin> {
         let x: Vec<f64> = step.x.iter().zip(&at.state).map(|(a, b)| a - b).collect();
         let u: Vec<f64> = step.u.iter().zip(&at.input).map(|(a, b)| a - b).collect();
         for (i, margin) in margins.iter_mut().enumerate() {
-            let share = 1.0 - rows.c.row_dot(i, &x) - rows.d.row_dot(i, &u);
-            if share < margin.share {
-                margin.share = share;
-                margin.margin = share * rows.scale[i];
+            let (room, scale) = match i.checked_sub(rows.len()) {
+                None => (
+                    1.0 - rows.c.row_dot(i, &x) - rows.d.row_dot(i, &u),
+                    rows.scale[i],
+                ),
+                Some(k) => {
+                    let bound = &problem.norms()[k];
+                    let at_origin = 1.0 - bound.value(&vec![0.0; x.len()], &vec![0.0; u.len()]);
+                    ((1.0 - bound.value(&x, &u)) / at_origin, at_origin)
+                }
+            };
+            if room < margin.share {
+                margin.share = room;
+                margin.margin = room * scale;
                 margin.step = step.k;
             }
         }

@@ -1,9 +1,10 @@
-//! The rows of a controller's program with the state as a variable: {(x, z) : W x + G z ≤ 1}, rows of step 0 included.
+//! The rows and cones of a controller's program with the state as a variable: {(x, z) : W x + G z ≤ 1, ‖S x + T z + t‖ ≤ 1}, those of
+//! step 0 included.
 
-use crate::control::Controller;
+use crate::control::{Controller, ProgramCone};
 use crate::error::DesignError;
 use crate::linalg::{self, Dense};
-use crate::optimization::{Body, BodyFailure, add_product};
+use crate::optimization::{Ball, Body, BodyFailure, add_product};
 use crate::problem::RowSource;
 use crate::problem::plant::check_vector;
 use serde::Serialize;
@@ -39,6 +40,9 @@ pub(super) struct StateProgram {
     pub(super) state_rows: Dense,
     pub(super) rows: Dense,
     pub(super) names: Vec<ProgramRow>,
+    /// ‖S x + T z + t‖ ≤ 1, rows of step 0 included.
+    cones: Vec<ProgramCone>,
+    pub(super) cone_names: Vec<ProgramRow>,
     /// The operating point's state.
     pub(super) origin: Vec<f64>,
 }
@@ -59,7 +63,22 @@ impl StateProgram {
             source: constraints.source[i],
             step: Some(0),
         }));
+        let mut cones = controller.program_cones().to_vec();
+        let mut cone_names = controller.program_cone_names();
+        for bound in problem.norms().iter().filter(|b| !b.has_input()) {
+            cones.push(ProgramCone {
+                map: Dense::zeros(bound.dimension(), rows.ncols()),
+                from_state: linalg::dense(&bound.f),
+                offset: bound.offset.clone(),
+            });
+            cone_names.push(ProgramRow {
+                source: bound.source,
+                step: Some(0),
+            });
+        }
         Self {
+            cones,
+            cone_names,
             state_rows: Dense::from_fn(names.len(), state_rows.ncols(), |i, j| {
                 if i < p {
                     state_rows[(i, j)]
@@ -104,7 +123,24 @@ impl StateProgram {
                 }
             }),
             bounds,
-            balls: Vec::new(),
+            balls: self
+                .cones
+                .iter()
+                .map(|cone| {
+                    let along = &cone.from_state * directions;
+                    Ball {
+                        map: Dense::from_fn(along.nrows(), k + self.rows.ncols(), |i, j| {
+                            if j < k {
+                                along[(i, j)]
+                            } else {
+                                cone.map[(i, j - k)]
+                            }
+                        }),
+                        offset: cone.offset_at(at),
+                        radius: 1.0,
+                    }
+                })
+                .collect(),
         }
     }
 

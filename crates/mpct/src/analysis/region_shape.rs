@@ -56,7 +56,11 @@ impl StabilityRegion<'_> {
         let optimum = self.optimum(state)?;
         self.along(&at, direction, |body| {
             // Between the optimum, which is deep in the level set, and the point that is deepest in the rows.
-            let deepest = body
+            let rows_alone = Body {
+                balls: Vec::new(),
+                ..body.clone()
+            };
+            let deepest = rows_alone
                 .deepest()
                 .map_err(|e| failure("the reach of the stability region", "a variable", e))?;
             let mut best = (f64::INFINITY, Vec::new());

@@ -3,14 +3,15 @@
 //! A set-point is admissible when it is an equilibrium (M_θx θ, M_θu θ) with θ ∈ λΘ, that is w_iθ ≤ λ for every row. So the
 //! smallest λ that admits it is max_i w_iθ; no search is needed. Where several inputs hold the same state, the one with
 //! the smallest maximum counts (a linear program). The paper's advice after Table 1: choose the smallest λ that admits
-//! the set-points of interest, for M̃ falls with it.
+//! the set-points of interest, for M̃ falls with it. An ellipsoid asks for ‖Wθ + λh‖ ≤ λ, with ‖h‖ < 1 the larger root of
+//! (1 − ‖h‖²) λ² − 2 hᵀWθ λ − ‖Wθ‖² = 0.
 
 use super::program::failure;
 use crate::control::{AdmissibleSetPoint, SetPoint};
 use crate::error::DesignError;
 use crate::linalg::{self, Dense};
 use crate::optimization::Body;
-use crate::problem::{Problem, RowSource, Task};
+use crate::problem::{NormConstraint, Problem, RowSource, Task};
 use crate::steady_state::SteadyStates;
 use crate::terminal::{DesignOptions, TerminalIngredients};
 use serde::Serialize;
@@ -96,10 +97,19 @@ pub fn scaling_need(problem: &Problem, set_point: &SetPoint) -> Result<ScalingNe
         .mul(steady.state_basis())
         .combine(1.0, &rows.d.mul(steady.input_basis()), 1.0);
     let values = w.mul_vec(&nearest.theta);
-    let needed = values.iter().fold(0.0_f64, |a, v| a.max(*v));
-    let limiting = (0..rows.len())
-        .filter(|&i| needed > 0.0 && values[i] >= needed - LIMITING)
-        .map(|i| rows.source[i])
+    let norms = problem.norms().iter();
+    let values: Vec<(RowSource, f64)> = rows
+        .source
+        .iter()
+        .copied()
+        .zip(values)
+        .chain(norms.map(|b| (b.source, needed_by_norm(b, &steady, &nearest.theta))))
+        .collect();
+    let needed = values.iter().fold(0.0_f64, |a, v| a.max(v.1));
+    let limiting = values
+        .iter()
+        .filter(|v| needed > 0.0 && v.1 >= needed - LIMITING)
+        .map(|v| v.0)
         .collect();
     Ok(ScalingNeed {
         set_point: set_point.clone(),
@@ -109,6 +119,21 @@ pub fn scaling_need(problem: &Problem, set_point: &SetPoint) -> Result<ScalingNe
         grow_by: (needed - problem.scaling()).max(0.0),
         closest,
     })
+}
+
+/// The smallest λ with ‖Wθ + λh‖ ≤ λ.
+fn needed_by_norm(bound: &NormConstraint, steady: &SteadyStates, theta: &[f64]) -> f64 {
+    let x = steady.state_basis().mul_vec(theta);
+    let u = steady.input_basis().mul_vec(theta);
+    let (mut square, mut along, mut offset) = (0.0, 0.0, 0.0);
+    for (k, h) in bound.offset.iter().enumerate() {
+        let v = bound.f.row_dot(k, &x) + bound.g.row_dot(k, &u);
+        square += v * v;
+        along += v * h;
+        offset += h * h;
+    }
+    let room = 1.0 - offset;
+    (along + (along * along + room * square).sqrt()) / room
 }
 
 /// The smallest λ that admits the set-points, with the terminal horizon for it and for the problem's own.
@@ -258,6 +283,13 @@ fn spread(
     let size = values.iter().fold(0.0_f64, |a, v| a.max(v.abs()));
     if size == 0.0 {
         return Ok(());
+    }
+    if !problem.norms().is_empty() {
+        return Err(DesignError::OutOfRange {
+            what: "the scaling that a set-point needs".into(),
+            expected: "one input for each equilibrium state; with several, the choice among them is not made with ellipsoids".into(),
+            found: format!("{} free directions of the input", free.ncols()),
+        });
     }
     // The deepest point of {w (θ + free s) ≤ 2 size}: the depth is at most 1 there after division by 4 size.
     let unit = 4.0 * size;

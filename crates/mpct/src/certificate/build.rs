@@ -6,11 +6,11 @@ use super::document::{
 use crate::error::DesignError;
 use crate::matrix::SparseMatrix;
 use crate::problem::{Problem, RowSource, Task};
-use crate::terminal::{Proofs, RowId, TerminalIngredients};
+use crate::terminal::{Condition, Proofs, RowId, TerminalIngredients};
 use std::collections::HashMap;
 
 /// Multipliers below this are left out: what they add is left over, and the margin pays for it.
-const SMALLEST_MULTIPLIER: f64 = 1e-12;
+pub(super) const SMALLEST_MULTIPLIER: f64 = 1e-12;
 
 /// Where a row of the problem stands in the file: constraint and side.
 struct Places {
@@ -93,7 +93,6 @@ impl Places {
 pub(super) fn build(ingredients: &TerminalIngredients) -> Result<(Claim, Proof), DesignError> {
     let problem = ingredients.problem();
     let places = Places::of(problem);
-    let proofs = ingredients.proofs()?;
     let sources = &problem.rows().source;
     let place = |row: usize| {
         places
@@ -105,6 +104,48 @@ pub(super) fn build(ingredients: &TerminalIngredients) -> Result<(Claim, Proof),
                 detail: format!("{} is no row of the problem", sources[row]),
             })
     };
+    let proof = if problem.norms().is_empty() {
+        of_rows(ingredients, &place)?
+    } else {
+        super::build_ellipsoids::proof(ingredients, &place)?
+    };
+    let plant = problem.plant();
+    let steady = ingredients.steady_states();
+    let basis = |m: &SparseMatrix| match problem.task() {
+        Task::Tracking => Sparse::from(m),
+        Task::Regulation => Sparse::from(&SparseMatrix::zeros(m.rows(), 0)),
+    };
+    let claim = Claim {
+        problem: problem.name().into(),
+        a: plant.a().into(),
+        b: plant.b().into(),
+        operating_state: plant.operating_point().state.clone(),
+        operating_input: plant.operating_point().input.clone(),
+        q: problem.state_weight().into(),
+        r: problem.input_weight().into(),
+        scaling: problem.scaling(),
+        gain: ingredients.gain().into(),
+        weight: ingredients.terminal_weight().into(),
+        state_basis: basis(steady.state_basis()),
+        input_basis: basis(steady.input_basis()),
+        condition: match problem.norms().is_empty() {
+            true => ingredients.condition().to_string(),
+            false => Condition::Sufficient.to_string(),
+        },
+        terminal_horizon: ingredients.terminal_horizon(),
+        ellipsoids: super::build_ellipsoids::claim(problem),
+        constraints: places.constraints,
+    };
+    Ok((claim, proof))
+}
+
+/// Constraint of the file and side of a row of the problem.
+pub(super) type Place<'a> = dyn Fn(usize) -> Result<(usize, bool), DesignError> + 'a;
+
+/// The proof when there are no ellipsoids.
+fn of_rows(ingredients: &TerminalIngredients, place: &Place<'_>) -> Result<Proof, DesignError> {
+    let problem = ingredients.problem();
+    let proofs = ingredients.proofs()?;
     let multipliers = |list: &[(RowId, bool, f64)]| -> Result<Vec<Multiplier>, DesignError> {
         let kept = list.iter().filter(|m| m.2 > SMALLEST_MULTIPLIER);
         kept.map(|&(id, upper, y)| {
@@ -127,11 +168,13 @@ pub(super) fn build(ingredients: &TerminalIngredients) -> Result<(Claim, Proof),
                 half_width: Some(b.half_width),
                 upper: multipliers(&b.sides[0])?,
                 lower: multipliers(&b.sides[1])?,
+                upper_cones: Vec::new(),
+                lower_cones: Vec::new(),
             }),
             None => Ok(BoxProof::default()),
         })
         .collect::<Result<_, DesignError>>()?;
-    let mut spent = Vec::with_capacity(sources.len());
+    let mut spent = Vec::with_capacity(proofs.spent.len());
     for p in &proofs.spent {
         let (constraint, upper) = place(proofs.side(p.pair, p.upper)?.0)?;
         spent.push(SpentProof {
@@ -139,6 +182,7 @@ pub(super) fn build(ingredients: &TerminalIngredients) -> Result<(Claim, Proof),
             upper,
             step: p.step,
             multipliers: multipliers(&p.multipliers)?,
+            cones: Vec::new(),
         });
     }
     let witness = match &proofs.witness {
@@ -152,36 +196,13 @@ pub(super) fn build(ingredients: &TerminalIngredients) -> Result<(Claim, Proof),
             })
         }
     };
-    let plant = problem.plant();
-    let steady = ingredients.steady_states();
-    let basis = |m: &SparseMatrix| match problem.task() {
-        Task::Tracking => Sparse::from(m),
-        Task::Regulation => Sparse::from(&SparseMatrix::zeros(m.rows(), 0)),
-    };
-    let claim = Claim {
-        problem: problem.name().into(),
-        a: plant.a().into(),
-        b: plant.b().into(),
-        operating_state: plant.operating_point().state.clone(),
-        operating_input: plant.operating_point().input.clone(),
-        q: problem.state_weight().into(),
-        r: problem.input_weight().into(),
-        scaling: problem.scaling(),
-        gain: ingredients.gain().into(),
-        weight: ingredients.terminal_weight().into(),
-        state_basis: basis(steady.state_basis()),
-        input_basis: basis(steady.input_basis()),
-        condition: ingredients.condition().to_string(),
-        terminal_horizon: ingredients.terminal_horizon(),
-        constraints: places.constraints,
-    };
-    let proof = Proof {
+    Ok(Proof {
         box_steps: proofs.box_steps,
         boxes,
         spent,
+        ellipsoids: Vec::new(),
         witness,
-    };
-    Ok((claim, proof))
+    })
 }
 
 impl Proofs {

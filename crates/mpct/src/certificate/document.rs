@@ -45,8 +45,20 @@ pub(super) struct Constraint {
     pub(super) upper: Option<f64>,
 }
 
+/// ‖F (x − x_c) + G (u − u_c)‖ ≤ 1 in physical coordinates.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Ellipsoid {
+    pub(super) name: String,
+    pub(super) f: Sparse,
+    pub(super) g: Sparse,
+    pub(super) center_state: Vec<f64>,
+    pub(super) center_input: Vec<f64>,
+}
+
 /// What is claimed: for every (x, θ) that satisfies the constraints along steps 0, …, M̃ of the terminal law, with θ
-/// in λΘ, they are satisfied for ever; and M̃ − 1 steps are too few for that.
+/// in λΘ, they are satisfied for ever; and, under the exact condition, M̃ − 1 steps are too few for that. With ellipsoids
+/// the condition is stated as sufficient.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Claim {
@@ -57,6 +69,8 @@ pub(super) struct Claim {
     pub(super) operating_state: Vec<f64>,
     pub(super) operating_input: Vec<f64>,
     pub(super) constraints: Vec<Constraint>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(super) ellipsoids: Vec<Ellipsoid>,
     pub(super) q: Sparse,
     pub(super) r: Sparse,
     /// λ.
@@ -77,6 +91,9 @@ pub(super) struct Claim {
 /// by its room at the operating point.
 pub(super) type Multiplier = (usize, bool, Option<usize>, f64);
 
+/// An ellipsoid in a proof: its index, the step (none: θ ∈ λΘ), and the multiplier w of its vector.
+pub(super) type ConeMultiplier = (usize, Option<usize>, Vec<f64>);
+
 /// A coordinate of z = (e, θ), e = x − x_op − M_θx θ, lies within ± half_width at every point of the set of
 /// `box_steps` steps. Without a half width it is not bounded.
 #[derive(Clone, Debug, Default, Serialize, Deserialize)]
@@ -85,6 +102,10 @@ pub(super) struct BoxProof {
     pub(super) half_width: Option<f64>,
     pub(super) upper: Vec<Multiplier>,
     pub(super) lower: Vec<Multiplier>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(super) upper_cones: Vec<ConeMultiplier>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(super) lower_cones: Vec<ConeMultiplier>,
 }
 
 /// A side of a constraint at a step follows from rows of steps before.
@@ -95,6 +116,28 @@ pub(super) struct SpentProof {
     pub(super) upper: bool,
     pub(super) step: usize,
     pub(super) multipliers: Vec<Multiplier>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(super) cones: Vec<ConeMultiplier>,
+}
+
+/// An ellipsoid at a step follows from constraints of steps before: supports of its vector in directions of whole
+/// numbers, or of the e part alone when `split`.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct EllipsoidProof {
+    pub(super) ellipsoid: usize,
+    pub(super) step: usize,
+    pub(super) split: bool,
+    pub(super) supports: Vec<SupportProof>,
+}
+
+/// The multipliers of one support.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct SupportProof {
+    pub(super) direction: Vec<i64>,
+    pub(super) multipliers: Vec<Multiplier>,
+    pub(super) cones: Vec<ConeMultiplier>,
 }
 
 /// A point (e, θ) of the set of M̃ − 1 steps from which a constraint is broken at step M̃.
@@ -114,6 +157,8 @@ pub(super) struct Proof {
     pub(super) box_steps: usize,
     pub(super) boxes: Vec<BoxProof>,
     pub(super) spent: Vec<SpentProof>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub(super) ellipsoids: Vec<EllipsoidProof>,
     /// Missing when M̃ = 1, the smallest there is.
     pub(super) witness: Option<Witness>,
 }

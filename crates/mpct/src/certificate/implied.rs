@@ -1,9 +1,11 @@
 //! A bound on a linear form from multipliers, with every rounding error in it.
 
-use super::document::Multiplier;
+use super::document::{ConeMultiplier, Multiplier};
+use super::ellipsoids;
 use super::interval::{Accumulator, Interval, add_up, mul_up};
 use super::rows::{StepRow, System, weighted};
 use super::verify::VerifyError;
+use rayon::prelude::*;
 
 /// A bound on a linear form: at most `value` plus `slack` plus what the box allows of `rest`.
 pub(super) struct Implied {
@@ -22,23 +24,48 @@ impl Implied {
     }
 }
 
-/// The rows that multipliers may name.
+/// Constraints along the terminal law.
+pub(super) struct Along {
+    /// Constraint, step.
+    pub(super) rows: Vec<Vec<StepRow>>,
+    /// Ellipsoid, component, step.
+    pub(super) norms: Vec<Vec<Vec<StepRow>>>,
+}
+
+impl Along {
+    /// Steps 0, …, `last`; see [`System::along`].
+    pub(super) fn of(system: &System, last: usize, beta: &[f64], box_steps: usize) -> Self {
+        let rows = (0..system.rows.len()).into_par_iter();
+        let norms = (0..system.norms.len()).into_par_iter();
+        Self {
+            rows: rows
+                .map(|i| system.along(i, last, beta, box_steps))
+                .collect(),
+            norms: norms
+                .map(|k| system.norm_along(k, last, beta, box_steps))
+                .collect(),
+        }
+    }
+}
+
+/// The rows and ellipsoids that multipliers may name.
+#[derive(Clone, Copy)]
 pub(super) struct Known<'a> {
     pub(super) system: &'a System,
-    /// Each constraint along the law.
-    pub(super) along: &'a [Vec<StepRow>],
+    pub(super) along: &'a Along,
     pub(super) beta: &'a [f64],
     /// Steps after this one do not count.
     pub(super) last: usize,
 }
 
-/// Bounds a linear form by known rows. `room` is the room of the form, by which multipliers are scaled.
+/// Bounds a linear form by what is known. `room` is the room of the form, by which multipliers are scaled.
 pub(super) fn implied(
     known: &Known<'_>,
     sum: &mut Accumulator,
     form: &[(usize, Interval)],
     room: Interval,
     multipliers: &[Multiplier],
+    cones: &[ConeMultiplier],
 ) -> Result<Implied, VerifyError> {
     let Known {
         system,
@@ -67,9 +94,9 @@ pub(super) fn implied(
         row.equilibrium(beta)
             .for_each(|(j, v)| sum.add(j, v.times(signed)));
         let (bound, error) = match step {
-            None => (mul_up(system.scaling, own.hi), system.static_slack(i, beta)),
+            None => (mul_up(system.scaling, own.hi), row.static_slack(beta)),
             Some(s) => {
-                let at = &along[i][s];
+                let at = &along.rows[i][s];
                 at.e.iter()
                     .for_each(|&(j, v)| sum.add(j, Interval::exact(v).times(signed)));
                 (own.hi, at.slack)
@@ -77,6 +104,11 @@ pub(super) fn implied(
         };
         value = add_up(value, mul_up(factor, bound));
         slack = add_up(slack, mul_up(factor, error));
+    }
+    for cone in cones {
+        let (bound, error) = ellipsoids::subtract(known, sum, room, cone)?;
+        value = add_up(value, bound);
+        slack = add_up(slack, error);
     }
     let mut implied = Implied {
         value,
@@ -126,10 +158,13 @@ fn mend(
         let (e, error, bound) = match step {
             None => (
                 &[][..],
-                system.static_slack(i, beta),
+                row.static_slack(beta),
                 mul_up(system.scaling, own.hi),
             ),
-            Some(s) => (&known.along[i][s].e[..], known.along[i][s].slack, own.hi),
+            Some(s) => {
+                let at = &known.along.rows[i][s];
+                (&at.e[..], at.slack, own.hi)
+            }
         };
         let others: Vec<(usize, f64)> = row.w.iter().copied().filter(|e| e.0 != j).collect();
         let moved = add_up(weighted(e, beta), weighted(&others, beta));

@@ -1,7 +1,8 @@
 //! What is needed to believe a design without running it, and a checker that shares nothing with the search.
 //!
 //! A certificate states the problem, K, P, M_θ, λ and M̃, and for every constraint row the few multipliers that show
-//! that it follows from the rows of the steps before. [`verify`] recomputes everything else from the plant as written
+//! that it follows from the rows of the steps before; for every ellipsoid such multipliers for a few supports of its
+//! vector (`docs/ellipsoids.md`). [`verify`] recomputes everything else from the plant as written
 //! in the file, with a bound on every rounding error.
 //!
 //! ```
@@ -24,7 +25,9 @@
 //! ```
 
 mod build;
+mod build_ellipsoids;
 mod document;
+mod ellipsoids;
 #[cfg(test)]
 mod field_walk_tests;
 mod implied;

@@ -12,7 +12,7 @@
 //! e(0), …, e(s − 1 − b) lie in it for every point of O_{s−1}. Up to step b the rows are therefore computed as intervals
 //! g_0 Âˢ, whose widths act on e(0) alone; the recurrence above starts from step b.
 
-use super::document::{Claim, Sparse};
+use super::document::{Claim, Ellipsoid, Sparse};
 use super::interval::{
     Accumulator, Interval, IntervalRows, add_up, combined, mul_up, product, scaled,
 };
@@ -31,6 +31,13 @@ pub(super) struct System {
     /// |ρ|, by rows.
     drift: Vec<Vec<(usize, f64)>>,
     pub(super) rows: Vec<ConstraintRow>,
+    pub(super) norms: Vec<Norm>,
+}
+
+/// An ellipsoid at step 0: ‖components + h‖ ≤ 1.
+pub(super) struct Norm {
+    pub(super) components: Vec<ConstraintRow>,
+    pub(super) offset: Vec<Interval>,
 }
 
 /// One constraint at step 0.
@@ -66,8 +73,8 @@ impl ConstraintRow {
         self.w_error.iter().find(|e| e.0 == j).map_or(0.0, |e| e.1)
     }
 
-    /// ‖w error‖_β over the coordinates that have a box.
-    fn w_slack(&self, beta: &[f64]) -> f64 {
+    /// δ of the row of θ ∈ λΘ: ‖w error‖_β over the coordinates that have a box.
+    pub(super) fn static_slack(&self, beta: &[f64]) -> f64 {
         let boxed = self.w_error.iter().filter(|e| beta[e.0].is_finite());
         boxed.fold(0.0, |s, &(j, v)| add_up(s, mul_up(v, beta[j])))
     }
@@ -212,6 +219,11 @@ impl System {
                 room: [room(constraint.upper, 1.0)?, room(constraint.lower, -1.0)?],
             });
         }
+        let norms = claim
+            .ellipsoids
+            .iter()
+            .map(|ellipsoid| norm_of(claim, ellipsoid, &k, &mx, &mu))
+            .collect::<Result<_, _>>()?;
         Ok(Self {
             states: n,
             parameters,
@@ -219,6 +231,7 @@ impl System {
             closed_loop,
             drift,
             rows,
+            norms,
         })
     }
 
@@ -236,11 +249,6 @@ impl System {
             .fold(0.0, f64::max)
     }
 
-    /// δ of the row of θ ∈ λΘ of a constraint.
-    pub(super) fn static_slack(&self, i: usize, beta: &[f64]) -> f64 {
-        self.rows[i].w_slack(beta)
-    }
-
     /// Constraint i at steps 0, …, `last`, where the box `beta` holds the set of `box_steps` steps. The δ of a step is
     /// valid for every point of that set up to step `box_steps`, and beyond it for every point of the set of all steps
     /// before.
@@ -251,13 +259,36 @@ impl System {
         beta: &[f64],
         box_steps: usize,
     ) -> Vec<StepRow> {
-        let row = &self.rows[i];
+        self.row_along(&self.rows[i], last, beta, box_steps)
+    }
+
+    /// The components of an ellipsoid, likewise.
+    pub(super) fn norm_along(
+        &self,
+        k: usize,
+        last: usize,
+        beta: &[f64],
+        box_steps: usize,
+    ) -> Vec<Vec<StepRow>> {
+        let components = self.norms[k].components.iter();
+        components
+            .map(|row| self.row_along(row, last, beta, box_steps))
+            .collect()
+    }
+
+    fn row_along(
+        &self,
+        row: &ConstraintRow,
+        last: usize,
+        beta: &[f64],
+        box_steps: usize,
+    ) -> Vec<StepRow> {
         let room = row
             .room
             .iter()
             .flatten()
             .fold(f64::INFINITY, |a, r| a.min(r.lo));
-        let of_w = row.w_slack(beta);
+        let of_w = row.static_slack(beta);
         let mut sum = Accumulator::new(self.states);
         let mut steps: Vec<StepRow> = Vec::with_capacity(last + 1);
         // Steps 0, …, b: intervals. What ρ adds is kept apart from the widths.
@@ -329,6 +360,76 @@ impl System {
             add_up(sum, mul_up(v.magnitude(), drift))
         })
     }
+}
+
+/// An ellipsoid of the file at step 0.
+fn norm_of(
+    claim: &Claim,
+    ellipsoid: &Ellipsoid,
+    k: &IntervalRows,
+    mx: &IntervalRows,
+    mu: &IntervalRows,
+) -> Result<Norm, VerifyError> {
+    let (n, m) = (claim.a.rows.len(), claim.b.columns);
+    let parameters = claim.state_basis.columns;
+    let name = &ellipsoid.name;
+    let q = ellipsoid.f.rows.len();
+    let f = checked(&format!("F of {name}"), &ellipsoid.f, q, n)?;
+    let g = checked(&format!("G of {name}"), &ellipsoid.g, q, m)?;
+    let centers = [&ellipsoid.center_state, &ellipsoid.center_input];
+    if q == 0
+        || centers[0].len() != n
+        || centers[1].len() != m
+        || centers.iter().any(|c| c.iter().any(|v| !v.is_finite()))
+    {
+        return Err(VerifyError::refused(format!(
+            "{name} is no ellipsoid of this plant"
+        )));
+    }
+    let e = combined(&f, &product(&g, k, n), 1.0, n);
+    let w = combined(
+        &product(&f, mx, parameters),
+        &product(&g, mu, parameters),
+        1.0,
+        parameters,
+    );
+    // h = F (x_op − x_c) + G (u_op − u_c); exactly 0 around the operating point.
+    let at = [&claim.operating_state, &claim.operating_input];
+    let mut offset = vec![Interval::ZERO; q];
+    for (side, matrix) in [&f, &g].into_iter().enumerate() {
+        for (h, row) in offset.iter_mut().zip(matrix) {
+            for &(j, v) in row {
+                let from = (at[side][j], centers[side][j]);
+                if from.0 != from.1 {
+                    let shift = Interval::exact(from.0).sub(Interval::exact(from.1));
+                    *h = h.add(v.mul(shift));
+                }
+            }
+        }
+    }
+    let far = offset
+        .iter()
+        .fold(0.0, |s, h| add_up(s, mul_up(h.magnitude(), h.magnitude())));
+    if !(far < 1.0) {
+        return Err(VerifyError::refused(format!(
+            "the operating point is not strictly inside {name}"
+        )));
+    }
+    let components = e
+        .iter()
+        .zip(&w)
+        .map(|(e, w)| {
+            let (w, w_error) = split(w, n);
+            ConstraintRow {
+                e: e.clone(),
+                w,
+                w_error,
+                // A component is at most 1 in size; what is dropped from it is measured by that.
+                room: [Some(Interval::exact(1.0)); 2],
+            }
+        })
+        .collect();
+    Ok(Norm { components, offset })
 }
 
 /// Doubles near interval coefficients, and how far off they may be; columns moved by `shift`.

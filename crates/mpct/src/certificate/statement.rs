@@ -26,10 +26,12 @@ pub struct Verified {
     pub smallest_margin: f64,
     /// The row with that margin.
     pub tightest_row: String,
-    /// Rows proved rigorously, and rows proved to a tolerance of 2e-9 of their bound.
+    /// Rows and ellipsoids proved rigorously, and those proved to a tolerance of 2e-9 of their bound.
     pub rows_rigorous: usize,
     /// See `rows_rigorous`.
     pub rows_to_tolerance: usize,
+    /// How many of all these are ellipsoids.
+    pub ellipsoids: usize,
     /// Bound of the residual of (3), relative to the stage cost.
     pub lyapunov_residual: f64,
     /// Bound of the residual of the steady states, in units of the box; part of every proof.
@@ -78,9 +80,18 @@ impl fmt::Display for Verified {
         )?;
         writeln!(
             f,
-            "  - {} constraint rows are implied by the rows of the steps before them; smallest margin {:.3e} of the bound \
+            "  - {} constraint rows{} are implied by the {} of the steps before them; smallest margin {:.3e} of the bound \
              ({}){}",
-            self.rows_rigorous,
+            self.rows_rigorous - self.ellipsoids.min(self.rows_rigorous),
+            match self.ellipsoids {
+                0 => String::new(),
+                k => format!(" and {k} ellipsoids"),
+            },
+            if self.ellipsoids == 0 {
+                "rows"
+            } else {
+                "constraints"
+            },
             self.smallest_margin,
             self.tightest_row,
             if self.witness.is_some() { ";" } else { "." }

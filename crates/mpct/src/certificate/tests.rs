@@ -232,3 +232,164 @@ fn the_digest_sees_what_the_proof_does_not() {
         Err(VerifyError::Unreadable(_))
     ));
 }
+
+/// Discs, one off center, one beside rows; and a plant with three states, whose fans have triangles.
+fn with_ellipsoids() -> [Problem; 3] {
+    let discs = |c: Constraints, q: f64| {
+        let academic = academic();
+        Problem::new(academic.plant().clone(), c, Weights::new(q, 100.0, 1e4)).unwrap()
+    };
+    let two = Constraints::new(2, 2)
+        .state_ellipsoid_around(1.0 / 9.0, vec![0.3, -0.1])
+        .unwrap()
+        .input_ellipsoid(vec![0.25, 0.3])
+        .unwrap();
+    let beside_rows = academic()
+        .constraints()
+        .clone()
+        .state_ellipsoid(Matrix::from_rows(&[[0.2, 0.05], [0.05, 0.3]]))
+        .unwrap();
+    let three = Plant::discrete(
+        Matrix::from_rows(&[[0.9, 0.3, 0.1], [-0.2, 0.8, 0.2], [0.1, 0.0, 0.9]]),
+        Matrix::from_rows(&[[0.1, 0.3], [0.7, 0.0], [0.2, 0.5]]),
+    )
+    .unwrap();
+    let balls = Constraints::new(3, 2)
+        .state_ellipsoid(0.25)
+        .unwrap()
+        .norm_bound(
+            Matrix::from_rows(&[[0.1, 0.0, 0.0], [0.0, 0.1, 0.0]]),
+            Matrix::from_rows(&[[0.8, 0.0], [0.0, 0.8]]),
+        )
+        .unwrap();
+    let three = Problem::new(three, balls, Weights::new(1.0, 1.0, 1e3)).unwrap();
+    [discs(two, 10.0), discs(beside_rows, 10.0), three]
+}
+
+#[test]
+fn certificates_with_ellipsoids_are_accepted() {
+    for problem in with_ellipsoids() {
+        for task in [Task::Tracking, Task::Regulation] {
+            let (ingredients, text) = certificate(&problem.clone().with_task(task));
+            let verified = verify(&text, VerifyOptions::default()).unwrap();
+            assert_eq!(verified.terminal_horizon, ingredients.terminal_horizon());
+            assert_eq!(verified.ellipsoids, problem.norms().len());
+            assert_eq!(verified.rows_to_tolerance, 0);
+            assert!(verified.smallest_margin > 0.0);
+            assert!(verified.to_string().contains("ellipsoids are implied"));
+        }
+    }
+}
+
+#[test]
+fn every_kind_of_change_to_ellipsoids_is_refused() {
+    for problem in with_ellipsoids() {
+        let (_, text) = certificate(&problem);
+        let value: Value = serde_json::from_str(&text).unwrap();
+        let proofs = value["proof"]["ellipsoids"].as_array().unwrap().clone();
+        // The ellipsoid with the smallest margin is spent last.
+        let (k, last) = proofs
+            .iter()
+            .enumerate()
+            .max_by_key(|p| p.1["step"].as_u64())
+            .unwrap();
+        let of = last["ellipsoid"].as_u64().unwrap() as usize;
+        assert!(last["step"].as_u64().unwrap() > 1);
+        refused(&text, "a smaller ellipsoid", |v| {
+            for row in v["claim"]["ellipsoids"][of]["f"]["rows"]
+                .as_array_mut()
+                .unwrap()
+            {
+                row.as_array_mut()
+                    .unwrap()
+                    .iter_mut()
+                    .for_each(|e| scale(&mut e[1], 1.2));
+            }
+        });
+        refused(&text, "another center", |v| {
+            v["claim"]["ellipsoids"][of]["center_state"][0] = json!(50.0)
+        });
+        refused(&text, "an ellipsoid of another plant", |v| {
+            v["claim"]["ellipsoids"][of]["center_state"] = json!([0.0])
+        });
+        refused(&text, "an ellipsoid left out", |v| {
+            v["claim"]["ellipsoids"].as_array_mut().unwrap().remove(of);
+        });
+        refused(&text, "a proof left out", |v| {
+            v["proof"]["ellipsoids"].as_array_mut().unwrap().remove(k);
+        });
+        refused(&text, "a proof twice", |v| {
+            let proof = v["proof"]["ellipsoids"][k].clone();
+            v["proof"]["ellipsoids"].as_array_mut().unwrap().push(proof);
+        });
+        refused(&text, "an earlier step", |v| {
+            v["proof"]["ellipsoids"][k]["step"] = json!(1)
+        });
+        refused(&text, "a later step than the horizon allows", |v| {
+            let horizon = v["claim"]["terminal_horizon"].as_u64().unwrap();
+            v["proof"]["ellipsoids"][k]["step"] = json!(horizon + 2)
+        });
+        refused(&text, "a larger scaling", |v| {
+            scale(&mut v["claim"]["scaling"], 1.05)
+        });
+        let supports = last["supports"].as_array().unwrap();
+        refused(&text, "an axis left out", |v| {
+            let list = v["proof"]["ellipsoids"][k]["supports"]
+                .as_array_mut()
+                .unwrap();
+            let axis = list.iter().position(|s| {
+                let d = s["direction"].as_array().unwrap();
+                d.iter().map(|v| v.as_i64().unwrap().abs()).sum::<i64>() == 1
+            });
+            list.remove(axis.unwrap());
+        });
+        refused(&text, "a direction of another space", |v| {
+            v["proof"]["ellipsoids"][k]["supports"][0]["direction"]
+                .as_array_mut()
+                .unwrap()
+                .push(json!(0))
+        });
+        refused(&text, "a direction without end", |v| {
+            v["proof"]["ellipsoids"][k]["supports"][0]["direction"][0] = json!(i64::MAX)
+        });
+        refused(&text, "the whole called split", |v| {
+            let split = v["proof"]["ellipsoids"][k]["split"].as_bool().unwrap();
+            v["proof"]["ellipsoids"][k]["split"] = json!(!split)
+        });
+        // Multipliers of the directions in which the ellipsoid reaches furthest.
+        let (mut tried, mut missed) = (0, 0);
+        for (s, support) in supports.iter().enumerate() {
+            for (c, cone) in support["cones"].as_array().unwrap().iter().enumerate() {
+                let w: Vec<f64> = cone[2]
+                    .as_array()
+                    .unwrap()
+                    .iter()
+                    .map(|w| w.as_f64().unwrap())
+                    .collect();
+                if w.iter().fold(0.0_f64, |a, w| a.max(w.abs())) < 0.5 {
+                    continue;
+                }
+                tried += 1;
+                let path = format!("/proof/ellipsoids/{k}/supports/{s}/cones/{c}");
+                let times = |v: &mut Value, by: f64| {
+                    let w = v.pointer_mut(&path).unwrap()[2].as_array_mut().unwrap();
+                    w.iter_mut().for_each(|w| scale(w, by));
+                };
+                for by in [-1.0, 20.0, 1e308] {
+                    refused(&text, &format!("{path} by {by}"), |v| times(v, by));
+                }
+                // In directions with room to spare the box alone may do.
+                let mut without = value.clone();
+                times(&mut without, 0.0);
+                missed += usize::from(verify(&without.to_string(), BLIND).is_err());
+                refused(&text, "a cone of a later step", |v| {
+                    v.pointer_mut(&path).unwrap()[1] = last["step"].clone()
+                });
+                refused(&text, "a cone of no ellipsoid", |v| {
+                    v.pointer_mut(&path).unwrap()[0] = json!(9)
+                });
+            }
+        }
+        assert!(tried > 1 && missed > 0, "{tried} {missed}");
+    }
+}

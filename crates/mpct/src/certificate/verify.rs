@@ -1,9 +1,10 @@
 //! The checker. It shares nothing with the search but the file.
 
-use super::document::{Document, FORMAT, Multiplier};
-use super::implied::{Known, implied};
+use super::document::{ConeMultiplier, Document, FORMAT, Multiplier};
+use super::ellipsoids;
+use super::implied::{Along, Known, implied};
 use super::interval::{Accumulator, Interval, add_up, mul_up};
-use super::rows::{StepRow, System};
+use super::rows::System;
 use super::statement::{TOLERANCE, Verified};
 use super::widths::{WidthRow, Widths};
 use super::{digest, lyapunov};
@@ -62,6 +63,12 @@ pub fn verify(text: &str, options: VerifyOptions) -> Result<Verified, VerifyErro
             "the condition is neither exact nor sufficient",
         ));
     }
+    // The witness is held against rows alone.
+    if claim.condition == "exact" && !claim.ellipsoids.is_empty() {
+        return Err(VerifyError::refused(
+            "with ellipsoids only the sufficient condition can be claimed",
+        ));
+    }
     if claim.terminal_horizon == 0 {
         return Err(VerifyError::refused(
             "the terminal horizon must be at least 1",
@@ -70,7 +77,9 @@ pub fn verify(text: &str, options: VerifyOptions) -> Result<Verified, VerifyErro
     let system = System::of(claim)?;
     let lyapunov_residual = lyapunov::check(claim, &system)?;
     let checker = Checker::new(&document, system)?;
-    let (rows, tolerated, smallest_margin, tightest) = checker.spent(&document)?;
+    let mut found = checker.spent(&document)?;
+    let rows = found.proofs;
+    found.join(ellipsoids::spent(&checker, &document)?);
     let witness = checker.witness(&document)?;
     Ok(Verified {
         problem: claim.problem.clone(),
@@ -78,10 +87,11 @@ pub fn verify(text: &str, options: VerifyOptions) -> Result<Verified, VerifyErro
         digest_fits,
         scaling: claim.scaling,
         terminal_horizon: claim.terminal_horizon,
-        smallest_margin,
-        tightest_row: claim.constraints[tightest].name.clone(),
-        rows_rigorous: rows - tolerated,
-        rows_to_tolerance: tolerated,
+        smallest_margin: 1.0 - found.worst,
+        tightest_row: found.tightest,
+        rows_rigorous: found.proofs - found.tolerated,
+        rows_to_tolerance: found.tolerated,
+        ellipsoids: found.proofs - rows,
         lyapunov_residual,
         steady_state_residual: checker.system.largest_drift(&checker.beta),
         witness,
@@ -91,12 +101,52 @@ pub fn verify(text: &str, options: VerifyOptions) -> Result<Verified, VerifyErro
     })
 }
 
+/// What was proved to be spent.
+pub(super) struct Spent {
+    /// Number of proofs, and of those that hold to a tolerance only.
+    pub(super) proofs: usize,
+    pub(super) tolerated: usize,
+    /// Largest support, relative to the bound, and the name of its constraint.
+    pub(super) worst: f64,
+    pub(super) tightest: String,
+}
+
+impl Spent {
+    pub(super) fn nothing() -> Self {
+        Self {
+            proofs: 0,
+            tolerated: 0,
+            worst: f64::NEG_INFINITY,
+            tightest: String::new(),
+        }
+    }
+
+    /// Takes a support in.
+    pub(super) fn add(&mut self, support: f64, name: &str) {
+        self.proofs += 1;
+        self.tolerated += usize::from(support > 1.0);
+        if support > self.worst {
+            self.worst = support;
+            self.tightest = name.into();
+        }
+    }
+
+    fn join(&mut self, other: Self) {
+        self.proofs += other.proofs;
+        self.tolerated += other.tolerated;
+        if other.worst > self.worst {
+            self.worst = other.worst;
+            self.tightest = other.tightest;
+        }
+    }
+}
+
 pub(super) struct Checker {
     pub(super) system: System,
     /// Half widths of a box that is proved to hold the set of `box_steps` steps.
     pub(super) beta: Vec<f64>,
-    /// Each constraint at steps 0, …, M̃ + 1.
-    pub(super) along: Vec<Vec<StepRow>>,
+    /// Everything at steps 0, …, M̃ + 1.
+    pub(super) along: Along,
 }
 
 impl Checker {
@@ -113,7 +163,8 @@ impl Checker {
         }
         let box_steps = document.proof.box_steps;
         let last = document.claim.terminal_horizon.saturating_add(1);
-        let steps = document.proof.spent.iter().map(|s| s.step);
+        let of_rows = document.proof.spent.iter().map(|s| s.step);
+        let steps = of_rows.chain(document.proof.ellipsoids.iter().map(|e| e.step));
         let (first, named) = steps.fold((usize::MAX, 0), |a, s| (a.0.min(s), a.1.max(s)));
         if named > last {
             return Err(VerifyError::refused(
@@ -132,13 +183,7 @@ impl Checker {
                 "rows are spent from step {first} on, and their box is proved by steps 0 to {box_steps}"
             )));
         }
-        let count = system.rows.len();
-        let along = |last: usize, beta: &[f64]| -> Vec<Vec<StepRow>> {
-            let rows = (0..count).into_par_iter();
-            rows.map(|i| system.along(i, last, beta, box_steps))
-                .collect()
-        };
-        let early = along(box_steps, &beta);
+        let early = Along::of(&system, box_steps, &beta, box_steps);
         let known = Known {
             system: &system,
             along: &early,
@@ -152,20 +197,21 @@ impl Checker {
                 widths.rows.push(Default::default());
                 continue;
             }
-            let mut direction = |sign: f64, multipliers: &[Multiplier]| {
-                // sign/β_l is rounded, which the slack takes.
-                let form = [(l, Interval::exact(sign / beta[l]))];
-                let room = Interval::exact(1.0);
-                let implied = implied(&known, &mut sum, &form, room, multipliers)?;
-                let weighed = |&(j, v): &(usize, Interval)| (j, mul_up(v.magnitude(), beta[j]));
-                Ok(WidthRow {
-                    value: implied.value,
-                    slack: add_up(implied.slack, 2.0 * f64::EPSILON),
-                    left_over: implied.rest.iter().map(weighed).collect(),
-                })
-            };
-            let up = direction(1.0, &proof.upper)?;
-            let down = direction(-1.0, &proof.lower)?;
+            let mut direction =
+                |sign: f64, multipliers: &[Multiplier], cones: &[ConeMultiplier]| {
+                    // sign/β_l is rounded, which the slack takes.
+                    let form = [(l, Interval::exact(sign / beta[l]))];
+                    let room = Interval::exact(1.0);
+                    let implied = implied(&known, &mut sum, &form, room, multipliers, cones)?;
+                    let weighed = |&(j, v): &(usize, Interval)| (j, mul_up(v.magnitude(), beta[j]));
+                    Ok(WidthRow {
+                        value: implied.value,
+                        slack: add_up(implied.slack, 2.0 * f64::EPSILON),
+                        left_over: implied.rest.iter().map(weighed).collect(),
+                    })
+                };
+            let up = direction(1.0, &proof.upper, &proof.upper_cones)?;
+            let down = direction(-1.0, &proof.lower, &proof.lower_cones)?;
             widths.rows.push([up, down]);
         }
         let widening = widths.solve().ok_or_else(|| {
@@ -174,7 +220,7 @@ impl Checker {
         for (b, w) in beta.iter_mut().zip(widening) {
             *b = mul_up(*b, w);
         }
-        let along = along(named, &beta);
+        let along = Along::of(&system, named, &beta, box_steps);
         Ok(Self {
             system,
             beta,
@@ -182,9 +228,8 @@ impl Checker {
         })
     }
 
-    /// Every side of every constraint is spent at some step ≤ M̃ + 1: number of rows, of those proved to a tolerance
-    /// only, smallest margin and its constraint.
-    fn spent(&self, document: &Document) -> Result<(usize, usize, f64, usize), VerifyError> {
+    /// Every side of every constraint is spent at some step ≤ M̃ + 1.
+    fn spent(&self, document: &Document) -> Result<Spent, VerifyError> {
         let proofs = &document.proof.spent;
         let mut missing: Vec<[bool; 2]> = self
             .system
@@ -209,7 +254,7 @@ impl Checker {
             let name = &document.claim.constraints[i].name;
             return Err(VerifyError::refused(format!("{name} has no proof")));
         }
-        if proofs.is_empty() {
+        if proofs.is_empty() && self.system.norms.is_empty() {
             return Err(VerifyError::refused("there are no constraints"));
         }
         let supports: Vec<Result<f64, VerifyError>> = proofs
@@ -223,7 +268,7 @@ impl Checker {
                     if p.step == 0 || p.step > document.claim.terminal_horizon.saturating_add(1) {
                         return Err(VerifyError::refused(format!("{name} is spent at step {}", p.step)));
                     }
-                    let at = &self.along[p.constraint][p.step];
+                    let at = &self.along.rows[p.constraint][p.step];
                     let e = at.e.iter().map(|&(j, v)| (j, Interval::exact(v)));
                     let form: Vec<(usize, Interval)> = e
                         .chain(row.equilibrium(&self.beta))
@@ -235,7 +280,7 @@ impl Checker {
                         beta: &self.beta,
                         last: p.step - 1,
                     };
-                    let implied = implied(&known, sum, &form, room, &p.multipliers)?;
+                    let implied = implied(&known, sum, &form, room, &p.multipliers, &p.cones)?;
                     let bound = add_up(implied.bound(&self.beta), at.slack);
                     let support = (bound / room.lo).next_up();
                     if support <= 1.0 + TOLERANCE {
@@ -249,15 +294,10 @@ impl Checker {
                 },
             )
             .collect();
-        let (mut tolerated, mut worst, mut tightest) = (0, f64::NEG_INFINITY, 0);
+        let mut found = Spent::nothing();
         for (p, support) in proofs.iter().zip(supports) {
-            let support = support?;
-            tolerated += usize::from(support > 1.0);
-            if support > worst {
-                worst = support;
-                tightest = p.constraint;
-            }
+            found.add(support?, &document.claim.constraints[p.constraint].name);
         }
-        Ok((proofs.len(), tolerated, 1.0 - worst, tightest))
+        Ok(found)
     }
 }

@@ -53,7 +53,7 @@ impl Checker {
         // In λΘ, and then step by step: the slack of a step is valid once the steps before it are.
         for (i, row) in self.system.rows.iter().enumerate() {
             let w = equilibrium(i);
-            let slack = mul_up(self.system.static_slack(i, &self.beta), outside);
+            let slack = mul_up(row.static_slack(&self.beta), outside);
             for (upper, at) in [(true, w.hi), (false, -w.lo)] {
                 let Some(room) = row.room(upper) else {
                     continue;
@@ -66,7 +66,7 @@ impl Checker {
         }
         for step in 0..horizon {
             for (i, row) in self.system.rows.iter().enumerate() {
-                let at = &self.along[i][step];
+                let at = &self.along.rows[i][step];
                 let v = value(&at.e).add(equilibrium(i));
                 for (upper, at_most) in [(true, v.hi), (false, -v.lo)] {
                     let Some(room) = row.room(upper) else {
@@ -89,7 +89,7 @@ impl Checker {
         let room = row
             .room(witness.upper)
             .ok_or_else(|| VerifyError::refused("the witness names no row"))?;
-        let at = &self.along[witness.constraint][horizon];
+        let at = &self.along.rows[witness.constraint][horizon];
         let v = value(&at.e).add(equilibrium(witness.constraint));
         let least = if witness.upper { v.lo } else { -v.hi };
         let slack = mul_up(at.slack, outside);

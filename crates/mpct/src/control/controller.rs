@@ -1,5 +1,6 @@
 //! The controller behind one door: `step(x, set_point) -> u`.
 
+use super::conic::ProgramCone;
 use super::online::Limits;
 use super::prediction::RowOrigin;
 use super::regime::Regime;
@@ -106,7 +107,8 @@ pub struct Step {
     pub elapsed: Duration,
 }
 
-/// The quadratic program of one step, for other solvers: min ½ zᵀHz + fᵀz subject to G z ≤ b.
+/// The quadratic program of one step, for other solvers: min ½ zᵀHz + fᵀz subject to G z ≤ b, and to ‖T z + t‖ ≤ 1 for each
+/// cone.
 ///
 /// z = (c_0, …, c_{N−1}, θ), and the first input is u = K x + L θ + c_0 in shifted coordinates.
 #[derive(Clone, Debug, PartialEq)]
@@ -119,6 +121,17 @@ pub struct CondensedQp {
     pub rows: Matrix,
     /// b.
     pub bounds: Vec<f64>,
+    /// The second-order cones; none without ellipsoids.
+    pub cones: Vec<CondensedCone>,
+}
+
+/// ‖T z + t‖ ≤ 1 in a [`CondensedQp`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct CondensedCone {
+    /// T, q × variables.
+    pub map: Matrix,
+    /// t, length q.
+    pub offset: Vec<f64>,
 }
 
 /// A controller with its guarantees.
@@ -146,6 +159,8 @@ pub struct Controller {
     solver: Regime,
     /// Where each row of the program comes from.
     origin: Vec<RowOrigin>,
+    /// The same for its cones; rows are ellipsoids there.
+    cone_origin: Vec<RowOrigin>,
     /// The Hessian of the cost in the state.
     state_hessian: OnceLock<Dense>,
     /// What the cost has besides (10).
@@ -188,13 +203,14 @@ impl Controller {
         formulation: Formulation,
     ) -> Result<Self, DesignError> {
         let problem = ingredients.problem();
-        let online = Regime::new(&ingredients, formulation)?;
+        let online = Regime::choose(&ingredients, formulation)?;
         let equilibria = match problem.task() {
             Task::Tracking => Some(Equilibria::new(problem, ingredients.steady_states())?),
             Task::Regulation => None,
         };
         Ok(Self {
             solver: online.solver,
+            cone_origin: online.cone_origin,
             ingredients,
             formulation,
             origin: online.origin,
@@ -225,6 +241,11 @@ impl Controller {
     /// Variables of the quadratic program.
     pub fn variables(&self) -> usize {
         self.solver.variables()
+    }
+
+    /// Second-order cones of the quadratic program: none without ellipsoids.
+    pub fn cones(&self) -> usize {
+        self.solver.cones().len()
     }
 
     /// Rows of the quadratic program.
@@ -298,12 +319,21 @@ impl Controller {
             linear,
             rows: crate::linalg::to_matrix(&self.solver.program().rows),
             bounds,
+            cones: self
+                .solver
+                .cones()
+                .iter()
+                .map(|c| CondensedCone {
+                    map: crate::linalg::to_matrix(&c.map),
+                    offset: c.offset_at(&x),
+                })
+                .collect(),
         })
     }
 
     /// The rows of the program and their multipliers y ≥ 0 that proved the last step infeasible: Gᵀy ≈ 0 and b(x)ᵀy < 0, so that no z has
     /// G z ≤ b(x). Empty unless the last step was [`StepError::Infeasible`] by the proof of the controller's own solver; indices are those
-    /// of [`Controller::qp`].
+    /// of [`Controller::qp`]. Empty with ellipsoids, whose proofs have vectors too.
     ///
     /// ```
     /// # use mpct::{cases, Controller, DesignOptions, SetPoint, StepError, TerminalIngredients};
@@ -327,7 +357,8 @@ impl Controller {
     }
 
     /// The tables of the online program and their sizes, for a controller of [`crate::runtime`] that runs without the desk: the state and
-    /// the set-point (state, then input) in shifted coordinates, x − x_op, and the input likewise.
+    /// the set-point (state, then input) in shifted coordinates, x − x_op, and the input likewise. `None` for plants of many subsystems and
+    /// with ellipsoids: their programs are not dense quadratic ones.
     ///
     /// ```
     /// # use mpct::{cases, Controller, DesignOptions, SetPoint, TerminalIngredients};
@@ -345,6 +376,11 @@ impl Controller {
     /// ```
     pub fn runtime_tables(&self) -> Option<(mpct_runtime::Dims, &[f64])> {
         self.solver.tables()
+    }
+
+    /// The cones of the program, in shifted coordinates.
+    pub(crate) fn program_cones(&self) -> &[ProgramCone] {
+        self.solver.cones()
     }
 
     /// W and G of the program's rows W x + G z ≤ 1, in shifted coordinates.
@@ -414,6 +450,24 @@ impl Controller {
             step,
         };
         self.origin
+            .iter()
+            .map(|origin| match *origin {
+                RowOrigin::Stage { row, step } => named(row, Some(step)),
+                RowOrigin::Terminal { row, step } => named(row, Some(horizon + step)),
+                RowOrigin::Equilibrium { row } => named(row, None),
+            })
+            .collect()
+    }
+
+    /// What each of its cones comes from.
+    pub(crate) fn program_cone_names(&self) -> Vec<ProgramRow> {
+        let horizon = self.ingredients.problem().prediction_horizon();
+        let norms = self.ingredients.problem().norms();
+        let named = |k: usize, step| ProgramRow {
+            source: norms[k].source,
+            step,
+        };
+        self.cone_origin
             .iter()
             .map(|origin| match *origin {
                 RowOrigin::Stage { row, step } => named(row, Some(step)),

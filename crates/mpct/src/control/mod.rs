@@ -1,5 +1,7 @@
 //! The controller: one quadratic program a step.
 
+mod cones;
+mod conic;
 mod controller;
 mod local_offset;
 mod local_order;
@@ -12,10 +14,11 @@ mod regime;
 mod set_point;
 mod terminal_cost;
 
-pub use controller::{CandidateReason, CondensedQp, Controller, Step, StepStatus};
+pub use controller::{CandidateReason, CondensedCone, CondensedQp, Controller, Step, StepStatus};
 pub use set_point::{AdmissibleSetPoint, SetPoint};
 pub use terminal_cost::ImplicitTerminalCost;
 
+pub(crate) use conic::ProgramCone;
 pub(crate) use set_point::{OffsetCost, weighted_square};
 pub(crate) use terminal_cost::no_terminal_constraint;
 

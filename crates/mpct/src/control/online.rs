@@ -5,7 +5,7 @@
 
 use crate::error::DesignError;
 use crate::linalg::Dense;
-use crate::optimization::{Checker, Failure, PreparedQp};
+use crate::optimization::{Checker, Failure, PreparedQp, dot};
 use mpct_runtime as runtime;
 
 /// Data of min ½ zᵀHz + (F_x x + F_r r)ᵀz subject to G z ≤ 1 − V x.
@@ -19,11 +19,57 @@ pub(crate) struct Program {
     pub(crate) law: Option<InputLaw>,
 }
 
-/// u = K x + L θ + c_0, and U = {u : E u ≤ 1}.
+impl Program {
+    /// f and b of the program at (x, r).
+    pub(crate) fn linear_and_bounds(&self, x: &[f64], r: &[f64]) -> (Vec<f64>, Vec<f64>) {
+        let mut f = vec![0.0; self.hessian.nrows()];
+        accumulate(&mut f, &self.from_state, x, 1.0);
+        accumulate(&mut f, &self.from_set_point, r, 1.0);
+        let mut b = vec![1.0; self.rows.nrows()];
+        accumulate(&mut b, &self.state_rows, x, -1.0);
+        (f, b)
+    }
+}
+
+/// u = K x + L θ + c_0, and U = {u : E u ≤ 1, ‖G_k u + h_k‖ ≤ 1}.
 pub(crate) struct InputLaw {
     pub(crate) gain: Dense,
     pub(crate) feedforward: Dense,
     pub(crate) input_rows: Dense,
+    /// G_k and h_k of the ellipsoids that speak of the input alone.
+    pub(crate) input_norms: Vec<(Dense, Vec<f64>)>,
+}
+
+impl InputLaw {
+    /// The first input of z with N stages, drawn towards 0 if rounding, or a candidate, has left it outside of U.
+    pub(crate) fn input(&self, x: &[f64], z: &[f64], stages: usize) -> Vec<f64> {
+        let m = self.gain.nrows();
+        let mut u: Vec<f64> = if stages > 0 {
+            z[..m].to_vec()
+        } else {
+            vec![0.0; m]
+        };
+        accumulate(&mut u, &self.gain, x, 1.0);
+        accumulate(&mut u, &self.feedforward, &z[stages * m..], 1.0);
+        let mut rows = vec![0.0; self.input_rows.nrows()];
+        accumulate(&mut rows, &self.input_rows, &u, 1.0);
+        let mut outside = rows.iter().fold(1.0_f64, |a, &v| a.max(v));
+        for (g, h) in &self.input_norms {
+            let mut gu = vec![0.0; h.len()];
+            accumulate(&mut gu, g, &u, 1.0);
+            outside = outside.max(beyond(&gu, h));
+        }
+        u.iter().map(|v| v / outside).collect()
+    }
+}
+
+/// The number t ≥ 1 by which v must be divided so that ‖v/t + h‖ ≤ 1, where ‖h‖ < 1: the positive root of
+/// (1 − ‖h‖²) t² − 2 hᵀv t − ‖v‖² = 0.
+pub(super) fn beyond(v: &[f64], h: &[f64]) -> f64 {
+    let room = 1.0 - dot(h, h);
+    let along = dot(h, v);
+    let t = (along + (along * along + room * dot(v, v)).sqrt()) / room;
+    t.max(1.0)
 }
 
 /// Largest residual of an optimum that is accepted, relative as in [`Residuals`](crate::optimization::verify::Residuals).
@@ -108,6 +154,7 @@ impl OnlineSolver {
             gain: Dense::zeros(inputs, states),
             feedforward: Dense::zeros(inputs, inputs),
             input_rows: Dense::zeros(0, inputs),
+            input_norms: Vec::new(),
         };
         let law = program.law.as_ref().unwrap_or(&empty);
         let data = runtime::QpData {
@@ -187,16 +234,6 @@ impl OnlineSolver {
             controller.reset();
             self.memory = controller.suspend();
         }
-    }
-
-    /// f and b of the program at (x, r).
-    pub(crate) fn linear_and_bounds(&self, x: &[f64], r: &[f64]) -> (Vec<f64>, Vec<f64>) {
-        let mut f = vec![0.0; self.variables];
-        accumulate(&mut f, &self.program.from_state, x, 1.0);
-        accumulate(&mut f, &self.program.from_set_point, r, 1.0);
-        let mut b = vec![1.0; self.program.rows.nrows()];
-        accumulate(&mut b, &self.program.state_rows, x, -1.0);
-        (f, b)
     }
 
     /// The checked optimum at (x, r); the shifted candidate when the limits end the solve before it, or when nobody finds an
@@ -295,7 +332,7 @@ impl OnlineSolver {
 
     /// The library's interior-point method.
     fn ask_again(&mut self, x: &[f64], r: &[f64]) -> Result<Answer, Failure> {
-        let (f, b) = self.linear_and_bounds(x, r);
+        let (f, b) = self.program.linear_and_bounds(x, r);
         let qp = match &mut self.second_opinion {
             Some(qp) => qp,
             empty => {
@@ -334,24 +371,9 @@ impl OnlineSolver {
         })
     }
 
-    /// u = K x + L θ + c_0, drawn towards 0 if rounding has left it outside of U.
     fn first_input(&self, x: &[f64], z: &[f64]) -> Vec<f64> {
-        let Some(law) = &self.program.law else {
-            return Vec::new();
-        };
-        let m = law.gain.nrows();
-        let stages = self.stamp.dims().horizon * m;
-        let mut u: Vec<f64> = if stages > 0 {
-            z[..m].to_vec()
-        } else {
-            vec![0.0; m]
-        };
-        accumulate(&mut u, &law.gain, x, 1.0);
-        accumulate(&mut u, &law.feedforward, &z[stages..], 1.0);
-        let mut rows = vec![0.0; law.input_rows.nrows()];
-        accumulate(&mut rows, &law.input_rows, &u, 1.0);
-        let outside = rows.iter().fold(1.0_f64, |a, &v| a.max(v));
-        u.iter().map(|v| v / outside).collect()
+        let law = self.program.law.as_ref();
+        law.map_or_else(Vec::new, |law| law.input(x, z, self.stamp.dims().horizon))
     }
 }
 
@@ -367,7 +389,7 @@ fn resume<'a>(
 }
 
 /// out += factor · M v.
-fn accumulate(out: &mut [f64], m: &Dense, v: &[f64], factor: f64) {
+pub(super) fn accumulate(out: &mut [f64], m: &Dense, v: &[f64], factor: f64) {
     for (j, &vj) in v.iter().enumerate() {
         if vj != 0.0 {
             for (o, &c) in out.iter_mut().zip(m.col(j).iter()) {

@@ -1,8 +1,11 @@
-//! Two ways to solve the same program online, chosen by what the plant is.
+//! Three ways to solve a program online, chosen by what the problem is.
 //!
 //! The dense regime (`online.rs`) forms every row with all its entries. The banded regime (`local_solver.rs`) is for plants made of many
-//! subsystems, whose rows touch a few neighbours each. Both run the runtime's solvers, and both check every answer.
+//! subsystems, whose rows touch a few neighbours each. Both run the runtime's solvers. A problem with ellipsoids, whatever its plant, has
+//! second-order cones beside its rows and goes to the conic regime (`conic.rs`). All check every answer.
 
+use super::cones::condense_cones;
+use super::conic::{ConicSolver, ProgramCone};
 use super::local_solver::LocalSolver;
 use super::online::{Answer, InputLaw, Limits, OnlineSolver, Program};
 use super::prediction::{RowOrigin, condense};
@@ -18,12 +21,15 @@ use std::sync::OnceLock;
 pub(crate) enum Regime {
     Dense(Box<OnlineSolver>),
     Banded(Box<LocalSolver>),
+    Conic(Box<ConicSolver>),
 }
 
 /// A solver, where its rows come from, and what its cost has besides (10).
 pub(super) struct Online {
     pub(super) solver: Regime,
     pub(super) origin: Vec<RowOrigin>,
+    /// The same for its cones; rows are ellipsoids there.
+    pub(super) cone_origin: Vec<RowOrigin>,
     pub(super) extra: Option<ExtraCost>,
     /// The Hessian of the cost in the state, where it is known; 2 P without `extra`.
     pub(super) state_hessian: OnceLock<Dense>,
@@ -31,28 +37,32 @@ pub(super) struct Online {
 
 impl Regime {
     /// The solver for a formulation.
-    pub(super) fn new(
+    pub(super) fn choose(
         ingredients: &TerminalIngredients,
         formulation: Formulation,
     ) -> Result<Online, DesignError> {
-        if let Some((solver, origin)) = LocalSolver::new(ingredients, formulation)? {
+        if ingredients.problem().norms().is_empty()
+            && let Some((solver, origin)) = LocalSolver::new(ingredients, formulation)?
+        {
             return Ok(Online {
                 solver: Self::Banded(Box::new(solver)),
                 origin,
+                cone_origin: Vec::new(),
                 extra: None,
                 state_hessian: OnceLock::new(),
             });
         }
-        Self::dense(ingredients, formulation)
+        Self::full(ingredients, formulation)
     }
 
-    /// The dense one.
-    pub(super) fn dense(
+    /// The one with full matrices: dense, or conic where there are ellipsoids.
+    pub(super) fn full(
         ingredients: &TerminalIngredients,
         formulation: Formulation,
     ) -> Result<Online, DesignError> {
         let problem = ingredients.problem();
         let (inputs, stages) = (problem.plant().inputs(), problem.prediction_horizon());
+        let (cones, cone_origin) = condense_cones(ingredients, formulation)?;
         let condensed = condense(ingredients, formulation)?;
         let program = Program {
             hessian: condensed.hessian,
@@ -63,10 +73,25 @@ impl Regime {
             law: Some(input_law(ingredients)),
         };
         Ok(Online {
-            solver: Self::Dense(Box::new(OnlineSolver::new(program, inputs, stages)?)),
+            solver: Self::of_program(program, cones, inputs, stages)?,
             origin: condensed.origin,
+            cone_origin,
             extra: condensed.extra,
             state_hessian: OnceLock::from(condensed.state_hessian),
+        })
+    }
+
+    /// The solver of a program with full matrices. `inputs` m is the size of one stage; `stages` N of them stand before θ.
+    pub(super) fn of_program(
+        program: Program,
+        cones: Vec<ProgramCone>,
+        inputs: usize,
+        stages: usize,
+    ) -> Result<Self, DesignError> {
+        Ok(if cones.is_empty() {
+            Self::Dense(Box::new(OnlineSolver::new(program, inputs, stages)?))
+        } else {
+            Self::Conic(Box::new(ConicSolver::new(program, cones, inputs, stages)?))
         })
     }
 
@@ -75,6 +100,7 @@ impl Regime {
         match self {
             Self::Dense(s) => s.program().hessian.nrows(),
             Self::Banded(s) => s.variables(),
+            Self::Conic(s) => s.program().hessian.nrows(),
         }
     }
 
@@ -83,6 +109,15 @@ impl Regime {
         match self {
             Self::Dense(s) => s.program().rows.nrows(),
             Self::Banded(s) => s.rows(),
+            Self::Conic(s) => s.program().rows.nrows(),
+        }
+    }
+
+    /// The cones of the program.
+    pub(crate) fn cones(&self) -> &[ProgramCone] {
+        match self {
+            Self::Dense(_) | Self::Banded(_) => &[],
+            Self::Conic(s) => s.cones(),
         }
     }
 
@@ -91,14 +126,16 @@ impl Regime {
         match self {
             Self::Dense(s) => s.program(),
             Self::Banded(s) => s.program(),
+            Self::Conic(s) => s.program(),
         }
     }
 
     /// f and b of the program at (x, r).
     pub(crate) fn linear_and_bounds(&self, x: &[f64], r: &[f64]) -> (Vec<f64>, Vec<f64>) {
         match self {
-            Self::Dense(s) => s.linear_and_bounds(x, r),
+            Self::Dense(s) => s.program().linear_and_bounds(x, r),
             Self::Banded(s) => s.linear_and_bounds(x, r),
+            Self::Conic(s) => s.program().linear_and_bounds(x, r),
         }
     }
 
@@ -112,14 +149,16 @@ impl Regime {
         match self {
             Self::Dense(s) => s.solve(x, r, limits),
             Self::Banded(s) => s.solve(x, r, limits),
+            Self::Conic(s) => s.solve(x, r, limits),
         }
     }
 
-    /// Rows and multipliers that prove the last step infeasible; empty unless it was.
+    /// Rows and multipliers that prove the last step infeasible; empty unless it was, and in the conic regime.
     pub(crate) fn proof(&self) -> &[(usize, f64)] {
         match self {
             Self::Dense(s) => s.proof(),
             Self::Banded(s) => s.proof(),
+            Self::Conic(_) => &[],
         }
     }
 
@@ -127,7 +166,7 @@ impl Regime {
     pub(crate) fn tables(&self) -> Option<(mpct_runtime::Dims, &[f64])> {
         match self {
             Self::Dense(s) => Some(s.tables()),
-            Self::Banded(_) => None,
+            Self::Banded(_) | Self::Conic(_) => None,
         }
     }
 
@@ -136,11 +175,12 @@ impl Regime {
         match self {
             Self::Dense(s) => s.reset(),
             Self::Banded(s) => s.reset(),
+            Self::Conic(s) => s.reset(),
         }
     }
 }
 
-/// u = K x + L θ + c_0 with L = M_θu − K M_θx, and the rows that speak of the input alone.
+/// u = K x + L θ + c_0 with L = M_θu − K M_θx, and the rows and ellipsoids that speak of the input alone.
 fn input_law(ingredients: &TerminalIngredients) -> InputLaw {
     let problem = ingredients.problem();
     let rows = problem.rows();
@@ -159,5 +199,11 @@ fn input_law(ingredients: &TerminalIngredients) -> InputLaw {
         gain: gain.clone(),
         feedforward,
         input_rows: linalg::dense(&rows.d.select_rows(&of_input)),
+        input_norms: problem
+            .norms()
+            .iter()
+            .filter(|b| (0..b.dimension()).all(|k| b.f.row(k).len() == 0))
+            .map(|b| (linalg::dense(&b.g), b.offset.clone()))
+            .collect(),
     }
 }

@@ -27,7 +27,7 @@ fn design(problem: &Problem) -> TerminalIngredients {
 
 fn banded(ingredients: &TerminalIngredients) -> Regime {
     let formulation = ingredients.problem().formulation();
-    let solver = Regime::new(ingredients, formulation).unwrap().solver;
+    let solver = Regime::choose(ingredients, formulation).unwrap().solver;
     assert!(matches!(solver, Regime::Banded(_)));
     solver
 }
@@ -87,7 +87,7 @@ fn grid(width: usize, height: usize) -> Result<Problem, DesignError> {
 fn difference(problem: &Problem, steps: usize, period: usize) -> f64 {
     let ingredients = design(problem);
     let mut own = banded(&ingredients);
-    let mut other = Regime::dense(&ingredients, problem.formulation())
+    let mut other = Regime::full(&ingredients, problem.formulation())
         .unwrap()
         .solver;
     assert_eq!(own.variables(), other.variables());
@@ -133,11 +133,41 @@ fn plants_without_structure_and_small_ones_stay_dense() {
         crate::cases::carts(10).unwrap().problem,
         grid(5, 5).unwrap(),
     ] {
-        let solver = Regime::new(&design(&problem), problem.formulation())
+        let solver = Regime::choose(&design(&problem), problem.formulation())
             .unwrap()
             .solver;
         assert!(matches!(solver, Regime::Dense(_)));
     }
+}
+
+/// A plant that goes to the banded regime goes to the conic one as soon as there is an ellipsoid.
+#[test]
+fn ellipsoids_have_a_regime_of_their_own() {
+    let count = 5;
+    let ones = vec![1.0; count];
+    let diagonal = |v: f64| {
+        let entries: Vec<(usize, usize, f64)> = (0..count).map(|i| (i, i, v)).collect();
+        SparseMatrix::from_triplets(count, count, &entries).unwrap()
+    };
+    let plant = Plant::discrete(diagonal(0.9), diagonal(0.5)).unwrap();
+    let negative: Vec<f64> = ones.iter().map(|v| -v).collect();
+    let boxes = Constraints::new(count, count)
+        .state_bounds(&negative, &ones)
+        .and_then(|c| c.input_bounds(&negative, &ones))
+        .unwrap();
+    let of = |constraints: Constraints| {
+        let problem = Problem::new(plant.clone(), constraints, Weights::new(1.0, 1.0, 1e2))
+            .and_then(|p| p.with_prediction_horizon(20))
+            .unwrap();
+        let ingredients = design(&problem);
+        Regime::choose(&ingredients, problem.formulation()).unwrap()
+    };
+    assert!(matches!(of(boxes.clone()).solver, Regime::Banded(_)));
+    let with_disc = of(boxes.input_ellipsoid(0.5).unwrap());
+    assert!(matches!(with_disc.solver, Regime::Conic(_)));
+    assert!(with_disc.solver.tables().is_none());
+    assert_eq!(with_disc.solver.cones().len(), with_disc.cone_origin.len());
+    assert_eq!(with_disc.solver.rows(), with_disc.origin.len());
 }
 
 /// Theorems 3 and 4 whatever the budget: every input keeps the constraints, and the cost falls while the set-point stays.

@@ -1,10 +1,12 @@
 //! Set-points, and the admissible equilibrium closest to one.
 
-use super::online::{Limits, OnlineSolver, Program};
+use super::conic::ProgramCone;
+use super::online::{Limits, Program, beyond};
+use super::regime::Regime;
 use crate::error::DesignError;
 use crate::linalg::{self, Dense};
 use crate::matrix::SparseMatrix;
-use crate::optimization::Failure;
+use crate::optimization::{Failure, norm};
 use crate::problem::plant::check_vector;
 use crate::problem::{Problem, RowSource};
 use crate::steady_state::SteadyStates;
@@ -164,9 +166,11 @@ pub(crate) struct Equilibria {
     /// Lower triangular L with L Lᵀ the Hessian of the offset cost.
     factor: Dense,
     /// Made when a program must be solved for the first time.
-    solver: Option<OnlineSolver>,
+    solver: Option<Regime>,
     /// C M_θx + D M_θu.
     rows: SparseMatrix,
+    /// ‖Wθ/λ + h‖ ≤ 1 for each ellipsoid, W = F M_θx + G M_θu.
+    cones: Vec<ProgramCone>,
     /// Offset cost of going from the operating point to a constraint, the largest over the parameters.
     unit: f64,
 }
@@ -183,17 +187,31 @@ impl Equilibria {
             1.0,
         );
         let unit = (0..m).fold(0.0_f64, |a, i| a.max(0.5 * cost.hessian[(i, i)]));
+        let cones = problem
+            .norms()
+            .iter()
+            .map(|b| {
+                let w = linalg::dense(&b.f) * linalg::dense(steady.state_basis())
+                    + linalg::dense(&b.g) * linalg::dense(steady.input_basis());
+                ProgramCone {
+                    map: w * faer::Scale(1.0 / problem.scaling()),
+                    from_state: Dense::zeros(b.dimension(), 1),
+                    offset: b.offset.clone(),
+                }
+            })
+            .collect();
         Ok(Self {
             cost,
             factor,
             solver: None,
+            cones,
             rows,
             unit,
         })
     }
 
     /// The solver of the program min offset cost over θ ∈ λΘ.
-    fn solver(&mut self, problem: &Problem) -> Result<&mut OnlineSolver, DesignError> {
+    fn solver(&mut self, problem: &Problem) -> Result<&mut Regime, DesignError> {
         if self.solver.is_none() {
             let (n, m) = (problem.plant().states(), problem.plant().inputs());
             let cost = &self.cost;
@@ -212,7 +230,7 @@ impl Equilibria {
                 state_rows: Dense::zeros(problem.rows().len(), 1),
                 law: None,
             };
-            self.solver = Some(OnlineSolver::new(program, m, 0)?);
+            self.solver = Some(Regime::of_program(program, self.cones.clone(), m, 0)?);
         }
         self.solver.as_mut().ok_or_else(|| DesignError::Solver {
             what: "the closest admissible equilibrium".into(),
@@ -224,8 +242,8 @@ impl Equilibria {
     ///
     /// Let θ_r be the minimum of the offset cost without constraints, d its cost, and ε the cost that counts as zero. Every
     /// θ costs d + ½ (θ − θ_r)ᵀH(θ − θ_r). So: if d > ε, no. If θ_r ∈ λΘ, it is the closest, and d ≤ ε says yes. Otherwise the
-    /// answer costs at least d + ½ v²/(a H⁻¹ aᵀ) for a row a that θ_r violates by v: if this exceeds ε, no. It costs at most as
-    /// much as the point where the way from 0 to θ_r leaves λΘ: if that is below ε, yes. Between these the program is solved, and
+    /// answer costs at least d + ½ v²/(a H⁻¹ aᵀ) for a row a that θ_r violates by v, which may be the half space that touches an
+    /// ellipsoid on the side of θ_r: if this exceeds ε, no. It costs at most as much as the point where the way from 0 to θ_r leaves λΘ: if that is below ε, yes. Between these the program is solved, and
     /// also where equilibria with equal states leave a choice, which H weighs and the offset cost does not.
     pub(crate) fn is_admissible(
         &mut self,
@@ -277,25 +295,52 @@ impl Equilibria {
         let worst = (0..self.rows.rows())
             .map(|i| (i, self.rows.row_dot(i, &theta)))
             .fold((0, 0.0), |a, b| if b.1 > a.1 { b } else { a });
-        if worst.1 <= scaling {
+        // Wθ_r/λ of each ellipsoid; with h added, its norm is at most 1 inside.
+        let images: Vec<Vec<f64>> = self.cones.iter().map(|c| c.image(&theta)).collect();
+        let outside: Vec<Vec<f64>> = images
+            .iter()
+            .zip(&self.cones)
+            .map(|(v, c)| add(v, &c.offset))
+            .collect();
+        let worst_norm = outside
+            .iter()
+            .map(|v| norm(v))
+            .enumerate()
+            .fold((0, 0.0), |a, b| if b.1 > a.1 { b } else { a });
+        if worst.1 <= scaling && worst_norm.1 <= 1.0 {
             return Ok(true);
         }
         if self.cost.is_tied {
             return Ok(self.closest(problem, steady, set_point)?.admissible);
         }
         let mut reach = Dense::zeros(m, 1);
-        for (j, v) in self.rows.row(worst.0) {
-            reach[(j, 0)] = v;
-        }
+        let excess = if worst.1 / scaling >= worst_norm.1 {
+            for (j, v) in self.rows.row(worst.0) {
+                reach[(j, 0)] = v;
+            }
+            worst.1 - scaling
+        } else {
+            let (map, v) = (&self.cones[worst_norm.0].map, &outside[worst_norm.0]);
+            for (k, vk) in v.iter().enumerate() {
+                for j in 0..m {
+                    reach[(j, 0)] += map[(k, j)] * vk / worst_norm.1;
+                }
+            }
+            worst_norm.1 - 1.0
+        };
         self.factor
             .as_ref()
             .solve_lower_triangular_in_place(reach.as_mut());
         let reach: f64 = reach.col(0).iter().map(|v| v * v).sum();
-        let excess = worst.1 - scaling;
         if free + 0.5 * excess * excess / reach > zero {
             return Ok(false);
         }
-        let inside: Vec<f64> = theta.iter().map(|t| t * scaling / worst.1).collect();
+        let by = images
+            .iter()
+            .zip(&self.cones)
+            .map(|(v, c)| beyond(v, &c.offset))
+            .fold(worst.1 / scaling, f64::max);
+        let inside: Vec<f64> = theta.iter().map(|t| t / by).collect();
         if offset(&inside) <= zero {
             return Ok(true);
         }
@@ -334,6 +379,12 @@ impl Equilibria {
                     }
                 },
             })?;
+        if solution.why.is_some() {
+            return Err(DesignError::Solver {
+                what: "the closest admissible equilibrium".into(),
+                detail: "no answer passed the check".into(),
+            });
+        }
         let theta = solution.z;
         let (xs, us) = (
             steady.state_basis().mul_vec(&theta),
@@ -348,6 +399,7 @@ impl Equilibria {
         let limiting = (0..self.rows.rows())
             .filter(|&i| self.rows.row_dot(i, &theta) >= scaling * (1.0 - ACTIVE))
             .map(|i| problem.rows().source[i])
+            .chain(self.limiting_norms(problem, &theta))
             .collect();
         Ok(AdmissibleSetPoint {
             state: add(&xs, &at.state),
@@ -357,6 +409,17 @@ impl Equilibria {
             offset_cost,
             limiting,
         })
+    }
+}
+
+impl Equilibria {
+    /// The ellipsoids with ‖Wθ/λ + h‖ at 1.
+    fn limiting_norms(&self, problem: &Problem, theta: &[f64]) -> Vec<RowSource> {
+        let bounds = problem.norms().iter().zip(&self.cones);
+        bounds
+            .filter(|(_, c)| norm(&add(&c.image(theta), &c.offset)) >= 1.0 - ACTIVE)
+            .map(|(b, _)| b.source)
+            .collect()
     }
 }
 
@@ -420,5 +483,55 @@ mod tests {
                 assert!((a - b).abs() < 1e-9, "{found:?} {fresh:?}");
             }
         }
+    }
+
+    /// Discs off their centers beside rows; set-points all over λΘ, beyond it, and close to its border on both sides.
+    #[test]
+    fn ellipsoids_count_for_what_is_admissible() {
+        let plant = Plant::discrete(
+            Matrix::from_rows(&[[1.0, 1.0], [0.0, 1.0]]),
+            Matrix::from_rows(&[[0.0, 0.5], [1.0, 0.5]]),
+        )
+        .unwrap();
+        let constraints = Constraints::new(2, 2)
+            .state_bounds(&[-2.0; 2], &[2.5; 2])
+            .unwrap()
+            .state_ellipsoid_around(1.0 / 6.0, vec![0.3, -0.1])
+            .unwrap()
+            .input_ellipsoid(0.25)
+            .unwrap();
+        let problem = Problem::new(plant, constraints, Weights::new(10.0, 100.0, 1e4)).unwrap();
+        let steady = SteadyStates::of(&problem).unwrap();
+        let mut equilibria = Equilibria::new(&problem, &steady).unwrap();
+        let mut counts = [0, 0];
+        for k in 0..40 {
+            let angle = 0.7 + 0.157 * f64::from(k);
+            let direction = [angle.cos(), angle.sin()];
+            let far = direction.map(|d| 30.0 * d);
+            let border = equilibria
+                .closest(&problem, &steady, &SetPoint::state(far))
+                .unwrap();
+            assert!(!border.admissible && !border.limiting.is_empty());
+            for (by, expected) in [
+                (0.3, Some(true)),
+                (1.0 - 1e-9, Some(true)),
+                (1.0, None),
+                (1.0 + 1e-9, None),
+                (1.0 + 1e-4, Some(false)),
+                (3.0, Some(false)),
+            ] {
+                // The operating point is the origin.
+                let state: Vec<f64> = border.state.iter().map(|x| by * x).collect();
+                let set_point = SetPoint::state(state);
+                let found = equilibria.closest(&problem, &steady, &set_point).unwrap();
+                let quick = equilibria.is_admissible(&problem, &steady, &set_point);
+                assert_eq!(quick, Ok(found.admissible), "{k} {by} {found:?}");
+                if let Some(expected) = expected {
+                    assert_eq!(found.admissible, expected, "{k} {by} {found:?}");
+                }
+                counts[usize::from(found.admissible)] += 1;
+            }
+        }
+        assert!(counts[0] > 40 && counts[1] > 40, "{counts:?}");
     }
 }

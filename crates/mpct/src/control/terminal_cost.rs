@@ -11,6 +11,7 @@
 //! In the condensed program both costs are ‖e_N‖²_P plus a non-negative quadratic form of a later e; only that form is
 //! added.
 
+use super::cones::refuse_other_than_implicit;
 use crate::error::DesignError;
 use crate::linalg::{self, Dense};
 use crate::matrix::SparseMatrix;
@@ -129,6 +130,9 @@ pub(crate) fn no_terminal_constraint(
             found: "nothing".into(),
         });
     };
+    if !ingredients.problem().norms().is_empty() {
+        refuse_other_than_implicit(Formulation::NoTerminalConstraint)?;
+    }
     let horizon = ingredients.terminal_horizon();
     if choices.horizon_extension() < horizon {
         Ok(choices)

@@ -57,6 +57,15 @@ pub(crate) struct SupportValue {
     /// cᵀ point.
     pub(crate) lower: f64,
     pub(crate) upper: f64,
+    /// The multipliers behind `upper`: y ≥ 0 of the rows, w_k of the balls.
+    pub(crate) multipliers: Multipliers,
+}
+
+/// Multipliers of a body: y ≥ 0 of its rows, w_k of its balls.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Multipliers {
+    pub(crate) rows: Vec<f64>,
+    pub(crate) balls: Vec<Vec<f64>>,
 }
 
 /// Why there is no answer.
@@ -68,15 +77,17 @@ pub(crate) enum BodyFailure {
     Unsolved(String),
 }
 
-/// The point that is deepest inside, in the sense of max t with G v + t ≤ h, t ≤ 1, and what proves that no other is
-/// deeper.
+/// The point that is deepest inside, in the sense of max t with G v + t ≤ h, ‖F_k v + f_k‖ + t ≤ ρ_k, t ≤ 1, and what proves
+/// that no other is deeper.
 #[derive(Clone, Debug)]
 pub(crate) struct Deepest {
     pub(crate) point: Vec<f64>,
-    /// min (h − G v) at the point, at most 1.
+    /// The least of h − G v and ρ_k − ‖F_k v + f_k‖ at the point, at most 1.
     pub(crate) depth: f64,
-    /// Multipliers y ≥ 0, Σ y ≤ 1, of the rows: G v ≤ h contradicts itself when hᵀy < 0 and Gᵀy = 0.
+    /// Multipliers y ≥ 0 of the rows: without balls, Σ y ≤ 1, and G v ≤ h contradicts itself when hᵀy < 0 and Gᵀy = 0.
     pub(crate) multipliers: Vec<f64>,
+    /// Multipliers w_k of the balls.
+    pub(crate) balls: Vec<Vec<f64>>,
 }
 
 impl Body {
@@ -99,10 +110,10 @@ impl Body {
 
     /// max cᵀv, with both ends checked. `inside` is a point strictly inside.
     pub(crate) fn support(&self, c: &[f64], inside: &[f64]) -> Result<SupportValue, BodyFailure> {
-        let (v, y, w) = self.solve(c)?;
+        let (v, y, w) = self.solve(c, None)?;
         let point = self.drawn_inside(&v, inside)?;
         let lower = dot(c, &point);
-        let upper = self.upper_end(c, &v, y, w);
+        let (upper, multipliers) = self.upper_end(c, &v, y, w);
         if !(lower.is_finite() && upper.is_finite()) {
             return Err(BodyFailure::Unsolved(format!(
                 "the support lies between {lower} and {upper}"
@@ -112,10 +123,11 @@ impl Body {
             point,
             lower,
             upper: upper.max(lower),
+            multipliers,
         })
     }
 
-    /// The deepest point of the rows (balls are left out).
+    /// The deepest point.
     pub(crate) fn deepest(&self) -> Result<Deepest, BodyFailure> {
         let (p, nv) = (self.rows.nrows(), self.variables());
         let rows = Dense::from_fn(p + 1, nv + 1, |i, j| {
@@ -129,17 +141,24 @@ impl Body {
         });
         let mut bounds = self.bounds.clone();
         bounds.push(1.0);
+        let balls = self.balls.iter().map(|ball| Ball {
+            map: Dense::from_fn(ball.map.nrows(), nv + 1, |i, j| {
+                if j < nv { ball.map[(i, j)] } else { 0.0 }
+            }),
+            ..ball.clone()
+        });
         let lifted = Body {
             rows,
             bounds,
-            balls: Vec::new(),
+            balls: balls.collect(),
         };
         let mut c = vec![0.0; nv + 1];
         c[nv] = 1.0;
-        let (v, mut y, _) = lifted.solve(&c)?;
+        let (v, mut y, mut w) = lifted.solve(&c, Some(nv))?;
         let point = v[..nv].to_vec();
         let mut slack = self.bounds.clone();
         add_product(&mut slack, &self.rows, &point, -1.0);
+        slack.extend(self.balls.iter().map(|b| b.radius - b.norm_at(&point)));
         let depth = slack.iter().fold(1.0_f64, |a, s| {
             if s.is_nan() {
                 f64::NEG_INFINITY
@@ -147,12 +166,19 @@ impl Body {
                 a.min(*s)
             }
         });
-        lifted.refine(&c, &mut y, &mut []);
-        y.truncate(p);
+        if self.balls.is_empty() {
+            lifted.refine(&c, &mut y, &mut []);
+            y.truncate(p);
+        } else {
+            // What a contradiction needs: Gᵀy + Σ F_kᵀw_k = 0.
+            y.truncate(p);
+            self.refine(&vec![0.0; nv], &mut y, &mut w);
+        }
         Ok(Deepest {
             point,
             depth,
             multipliers: y,
+            balls: w,
         })
     }
 
@@ -199,7 +225,13 @@ impl Body {
     }
 
     /// The weak-duality bound of (y, w) after refinement.
-    fn upper_end(&self, c: &[f64], v: &[f64], mut y: Vec<f64>, mut w: Vec<Vec<f64>>) -> f64 {
+    fn upper_end(
+        &self,
+        c: &[f64],
+        v: &[f64],
+        mut y: Vec<f64>,
+        mut w: Vec<Vec<f64>>,
+    ) -> (f64, Multipliers) {
         self.refine(c, &mut y, &mut w);
         let leak = self
             .leak(c, &y, &w)
@@ -212,7 +244,8 @@ impl Body {
             .map(|(b, w)| norm(w) * b.radius - dot(w, &b.offset))
             .sum();
         let size: f64 = v.iter().map(|x| x.abs()).sum();
-        dot(&y, &self.bounds) + balls + leak * LEAK_RADIUS * size.max(1.0)
+        let upper = dot(&y, &self.bounds) + balls + leak * LEAK_RADIUS * size.max(1.0);
+        (upper, Multipliers { rows: y, balls: w })
     }
 
     /// c − Gᵀy − Σ F_kᵀ w_k.
@@ -273,9 +306,13 @@ impl Body {
         }
     }
 
-    /// The solver's v, y ≥ 0 and w, unchecked.
+    /// The solver's v, y ≥ 0 and w, unchecked. The variable `shrink` is taken from every radius.
     #[allow(clippy::type_complexity)]
-    fn solve(&self, c: &[f64]) -> Result<(Vec<f64>, Vec<f64>, Vec<Vec<f64>>), BodyFailure> {
+    fn solve(
+        &self,
+        c: &[f64],
+        shrink: Option<usize>,
+    ) -> Result<(Vec<f64>, Vec<f64>, Vec<Vec<f64>>), BodyFailure> {
         let (p, nv) = (self.rows.nrows(), self.variables());
         let total = p + self.balls.iter().map(|b| 1 + b.map.nrows()).sum::<usize>();
         let (mut starts, mut indices, mut values) = (vec![0], Vec::new(), Vec::new());
@@ -291,6 +328,9 @@ impl Body {
             }
             let mut at = p;
             for ball in &self.balls {
+                if shrink == Some(j) {
+                    push(at, 1.0);
+                }
                 for (i, &v) in ball.map.col(j).iter().enumerate() {
                     push(at + 1 + i, -v);
                 }
@@ -299,7 +339,10 @@ impl Body {
             starts.push(indices.len());
         }
         let mut b = self.bounds.clone();
-        let mut cones: Vec<SupportedConeT<f64>> = vec![NonnegativeConeT(p)];
+        let mut cones: Vec<SupportedConeT<f64>> = Vec::with_capacity(1 + self.balls.len());
+        if p > 0 {
+            cones.push(NonnegativeConeT(p));
+        }
         for ball in &self.balls {
             b.push(ball.radius);
             b.extend(&ball.offset);
@@ -425,6 +468,28 @@ mod tests {
         let d = body.deepest().expect("depth");
         assert!((d.depth + 1.0).abs() < 1e-8, "{d:?}");
         assert!((dot(&d.multipliers, &body.bounds) + 1.0).abs() < 1e-8);
+    }
+
+    #[test]
+    fn balls_have_a_depth_and_contradict_rows() {
+        // The square and a disc of radius 2 around (2, 0): deepest at (1/2, 0)? The rows give 1 − v, the disc v: 1/2.
+        let mut body = Body {
+            balls: vec![Ball {
+                map: Dense::identity(2, 2),
+                offset: vec![-2.0, 0.0],
+                radius: 2.0,
+            }],
+            ..square()
+        };
+        let d = body.deepest().expect("depth");
+        assert!((d.depth - 0.5).abs() < 1e-7, "{d:?}");
+        // Radius 1/2: the disc begins at 3/2, the square ends at 1.
+        body.balls[0].radius = 0.5;
+        let d = body.deepest().expect("depth");
+        assert!((d.depth + 0.25).abs() < 1e-7, "{d:?}");
+        let value = dot(&d.multipliers, &body.bounds) + norm(&d.balls[0]) * 0.5
+            - dot(&d.balls[0], &body.balls[0].offset);
+        assert!(value < 0.0, "{d:?}");
     }
 
     #[test]

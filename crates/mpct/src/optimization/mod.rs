@@ -3,10 +3,13 @@
 
 mod body;
 mod checker;
+mod conic_qp;
+pub(crate) mod conic_verify;
 mod qp;
 pub(crate) mod verify;
 pub(crate) mod verify_pairs;
 
-pub(crate) use body::{Ball, Body, BodyFailure, add_product, dot, norm};
+pub(crate) use body::{Ball, Body, BodyFailure, Multipliers, SupportValue, add_product, dot, norm};
 pub(crate) use checker::Checker;
+pub(crate) use conic_qp::{ConicLimits, ConicQp};
 pub(crate) use qp::{Failure, PreparedQp};

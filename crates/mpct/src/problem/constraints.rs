@@ -1,11 +1,12 @@
 //! The constraints (2), as users state them and as normalised rows (18): C x + D u ≤ 1.
 
+use super::ellipsoid::Ellipsoid;
 use super::plant::{OperatingPoint, check_finite};
 use crate::error::DesignError;
 use crate::matrix::SparseMatrix;
 use std::fmt;
 
-/// Constraints in physical coordinates: bounds on states and inputs, and any rows C x + D u ≤ d.
+/// Constraints in physical coordinates: bounds on states and inputs, any rows C x + D u ≤ d, and ellipsoids.
 ///
 /// A bound of ±∞ is no bound.
 ///
@@ -25,6 +26,7 @@ pub struct Constraints {
     input_lower: Vec<f64>,
     input_upper: Vec<f64>,
     mixed: Vec<MixedRows>,
+    pub(super) ellipsoids: Vec<Ellipsoid>,
 }
 
 /// A block of rows C x + D u ≤ d.
@@ -56,6 +58,8 @@ pub enum RowSource {
         /// The row in the block.
         row: usize,
     },
+    /// An ellipsoid.
+    Ellipsoid(usize),
 }
 
 impl fmt::Display for RowSource {
@@ -66,6 +70,7 @@ impl fmt::Display for RowSource {
             Self::InputLower(i) => write!(f, "input_lower[{i}]"),
             Self::InputUpper(i) => write!(f, "input_upper[{i}]"),
             Self::Mixed { block, row } => write!(f, "mixed[{block}] row {row}"),
+            Self::Ellipsoid(i) => write!(f, "ellipsoid[{i}]"),
         }
     }
 }
@@ -117,6 +122,7 @@ impl Constraints {
             input_lower: vec![f64::NEG_INFINITY; inputs],
             input_upper: vec![f64::INFINITY; inputs],
             mixed: Vec::new(),
+            ellipsoids: Vec::new(),
         }
     }
 

@@ -2,12 +2,14 @@
 
 mod constraints;
 mod discretise;
+mod ellipsoid;
 pub mod file;
 mod formulation;
 pub(crate) mod plant;
 mod weights;
 
 pub use constraints::{ConstraintRows, Constraints, MixedRows, RowSource};
+pub use ellipsoid::{Ellipsoid, EllipsoidShape, NormConstraint};
 pub use formulation::{Formulation, NoTerminalConstraint, TerminalCost};
 pub use plant::{Labels, OperatingPoint, Plant};
 pub use weights::{Weight, Weights};
@@ -51,6 +53,7 @@ pub struct Problem {
     plant: Plant,
     constraints: Constraints,
     rows: ConstraintRows,
+    norms: Vec<NormConstraint>,
     q: SparseMatrix,
     r: SparseMatrix,
     o: SparseMatrix,
@@ -91,6 +94,7 @@ impl Problem {
             });
         }
         let rows = constraints.normalised(plant.operating_point())?;
+        let norms = constraints.norms(plant.operating_point())?;
         Ok(Self {
             name: String::new(),
             q: weights
@@ -109,6 +113,7 @@ impl Problem {
             plant,
             constraints,
             rows,
+            norms,
             task: Task::default(),
             formulation: Formulation::default(),
             terminal_cost: TerminalCost::default(),
@@ -221,6 +226,11 @@ impl Problem {
     /// The constraints in shifted coordinates, normalised.
     pub fn rows(&self) -> &ConstraintRows {
         &self.rows
+    }
+
+    /// The ellipsoids in shifted coordinates, as norms ‖F x + G u + h‖ ≤ 1.
+    pub fn norms(&self) -> &[NormConstraint] {
+        &self.norms
     }
 
     /// Q, n × n.

@@ -243,23 +243,34 @@ fn in_columns_of_z(w: &SparseMatrix, n: usize) -> SparseMatrix {
     )
 }
 
-/// Entries of a row divided by the first, rounded.
+/// Entries of a row divided by the largest, rounded.
 type Direction = Vec<(usize, i64)>;
 
 /// Finds opposite rows: C_j = −ρ C_i and D_j = −ρ D_i with ρ > 0.
 fn pair_up(c: &SparseMatrix, d: &SparseMatrix) -> Vec<Pair> {
     use std::collections::HashMap;
     let p = c.rows();
-    // The direction of a row: its entries divided by the first, which rounding must not separate.
+    // The direction of a row: its entries divided by the largest, which rounding must not separate. Divided by an entry
+    // that is itself rounding, different rows would look alike.
     let key = |i: usize| -> Option<(f64, Direction)> {
         let entries: Vec<(usize, f64)> = c
             .row(i)
             .chain(d.row(i).map(|(j, v)| (j + c.cols(), v)))
             .collect();
-        let first = entries.first()?.1;
+        let first = entries.iter().fold(0.0_f64, |a, e| {
+            if e.1.abs() > a.abs() * (1.0 + 1e-9) {
+                e.1
+            } else {
+                a
+            }
+        });
+        if first == 0.0 {
+            return None;
+        }
         let direction = entries
             .iter()
             .map(|&(j, v)| (j, ((v / first) * 1e12).round() as i64))
+            .filter(|e| e.1 != 0)
             .collect();
         Some((first, direction))
     };
@@ -305,5 +316,14 @@ mod tests {
         // 0.5 x ≥ −2 is x ≥ −4.
         assert_eq!(pairs[0].lower, Some((1, 2.0)));
         assert!(pairs[1].lower.is_none());
+    }
+
+    #[test]
+    fn entries_that_are_rounding_do_not_decide_the_bound_of_the_opposite_row() {
+        // (0, 1) and (0, -1), of a polygon whose rows are cosines and sines.
+        let c = (&Matrix::from_rows(&[[6.1e-17, 0.5], [-1.8e-16, -0.25]])).into();
+        let pairs = pair_up(&c, &(&Matrix::zeros(2, 1)).into());
+        assert_eq!(pairs.len(), 1);
+        assert_eq!(pairs[0].lower, Some((1, 2.0)));
     }
 }

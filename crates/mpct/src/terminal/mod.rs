@@ -3,6 +3,7 @@
 mod augmented;
 mod bank;
 mod boxes;
+mod conic;
 mod explicit_set;
 mod horizon;
 mod options;
@@ -14,6 +15,7 @@ mod support;
 mod tests;
 
 pub(crate) use augmented::LawRows;
+pub(crate) use conic::ConicMultiplier;
 pub use explicit_set::MaximalAdmissibleSet;
 pub use options::{Condition, DEFAULT_MAX_HORIZON, DesignOptions, OnProgress, Phases, Progress};
 pub(crate) use proofs::Proofs;
@@ -60,6 +62,10 @@ pub struct TerminalIngredients {
     terminal_horizon: usize,
     /// First spent step of each constraint row, in the order of `problem.rows()`.
     spent: Vec<usize>,
+    /// The same for each ellipsoid.
+    spent_norms: Vec<usize>,
+    /// Whether it was shown that one step less is too few.
+    minimal: bool,
     linear_programs: usize,
     phases: Phases,
     elapsed: Duration,
@@ -83,8 +89,12 @@ pub fn check_assumption(problem: &Problem) -> Result<Assumption, DesignError> {
     let clock = Clock::unlimited();
     let law = lqr::terminal_law(problem, &clock)?;
     let steady_states = SteadyStates::of(problem)?;
-    let mut system = Augmented::new(problem, &law.gain, &law.closed_loop, &steady_states);
-    Boxes::of(&mut system, &clock)?;
+    if problem.norms().is_empty() {
+        let mut system = Augmented::new(problem, &law.gain, &law.closed_loop, &steady_states);
+        Boxes::of(&mut system, &clock)?;
+    } else {
+        conic::ConicSystem::new(problem, &law.to_dense(), &steady_states)?;
+    }
     Ok(Assumption {
         spectral_radius: law.spectral_radius,
         steady_states,
@@ -158,6 +168,16 @@ impl TerminalIngredients {
                 found: "0".into(),
             });
         }
+        if !problem.norms().is_empty() {
+            return Self::search_with_ellipsoids(
+                problem,
+                law,
+                steady_states,
+                system,
+                options,
+                clock,
+            );
+        }
         let before = clock.elapsed();
         let mut bank = within_a_box(system, Room::AsIs, clock)?;
         let of_box = clock.elapsed() - before;
@@ -167,13 +187,6 @@ impl TerminalIngredients {
             programs: (clock.elapsed() - before).saturating_sub(of_box + found.rows),
             ..Phases::default()
         };
-        let mut spent = vec![1; problem.rows().len()];
-        for (pair, at) in system.pairs.iter().zip(&found.spent) {
-            spent[pair.upper] = at[0];
-            if let Some((lower, _)) = pair.lower {
-                spent[lower] = at[1];
-            }
-        }
         Ok(Self {
             problem: problem.clone(),
             law,
@@ -181,9 +194,60 @@ impl TerminalIngredients {
             steady_states,
             condition: options.condition,
             terminal_horizon: found.horizon,
-            spent,
+            spent: spent_by_row(problem, system, &found),
+            spent_norms: Vec::new(),
+            minimal: options.condition == Condition::Exact || found.horizon == 1,
             linear_programs: found.programs,
             phases,
+            elapsed: clock.elapsed(),
+        })
+    }
+
+    /// The same with ellipsoids. Where the rows alone bound the set, they are searched first: what they imply is spent.
+    fn search_with_ellipsoids(
+        problem: &Problem,
+        law: Law,
+        steady_states: SteadyStates,
+        system: &mut Augmented,
+        options: &DesignOptions<'_>,
+        clock: &Clock,
+    ) -> Result<Self, DesignError> {
+        let before = clock.elapsed();
+        let dense = law.to_dense();
+        let mut conic = conic::ConicSystem::new(problem, &dense, &steady_states)?;
+        let mut of_rows = clock.elapsed() - before;
+        let mut programs = 0;
+        let mut polytope = None;
+        if options.condition == Condition::Exact
+            && let Ok(boxes) = Boxes::of(system, clock)
+            && boxes.valid.iter().all(|&v| v)
+        {
+            let mut bank = within_a_box(system, Room::AsIs, clock)?;
+            let found = horizon::search(problem, system, &mut bank, options, clock)?;
+            programs = found.programs;
+            of_rows += found.rows;
+            polytope = Some(spent_by_row(problem, system, &found));
+        }
+        let mut found = conic::search(problem, &mut conic, polytope.as_deref(), options, clock)?;
+        let spent_norms = found.spent.split_off(problem.rows().len());
+        let dense_law = OnceLock::new();
+        let _ = dense_law.set(dense);
+        Ok(Self {
+            problem: problem.clone(),
+            law,
+            dense_law,
+            steady_states,
+            condition: options.condition,
+            terminal_horizon: found.horizon,
+            spent: found.spent,
+            spent_norms,
+            minimal: found.minimal,
+            linear_programs: programs + found.programs,
+            phases: Phases {
+                rows: of_rows,
+                programs: (clock.elapsed() - before).saturating_sub(of_rows),
+                ..Phases::default()
+            },
             elapsed: clock.elapsed(),
         })
     }
@@ -213,9 +277,16 @@ impl TerminalIngredients {
         self.law.spectral_radius
     }
 
-    /// M (20) for regulation, M̃ (29) for tracking: the smallest integer ≥ 1 that satisfies the condition.
+    /// M (20) for regulation, M̃ (29) for tracking: the smallest integer ≥ 1 that satisfies the condition. With ellipsoids,
+    /// the smallest for which proofs were found; see [`is_minimal`](Self::is_minimal).
     pub fn terminal_horizon(&self) -> usize {
         self.terminal_horizon
+    }
+
+    /// Whether it was shown that one step less is too few: always for the exact condition without ellipsoids. With
+    /// ellipsoids, when a point was found that satisfies one step less and breaks a constraint afterwards.
+    pub fn is_minimal(&self) -> bool {
+        self.minimal
     }
 
     /// The form of the condition that the horizon satisfies.
@@ -223,15 +294,13 @@ impl TerminalIngredients {
         self.condition
     }
 
-    /// The first step at which each constraint row is implied by the steps before it. With the sufficient condition,
-    /// one more than the horizon for every row.
+    /// The first step at which each constraint row, then each ellipsoid, is implied by the steps before it. With the
+    /// sufficient condition, one more than the horizon for all.
     pub fn spent_steps(&self) -> Vec<(RowSource, usize)> {
-        self.problem
-            .rows()
-            .source
-            .iter()
-            .copied()
-            .zip(self.spent.iter().copied())
+        let rows = self.problem.rows().source.iter().copied();
+        let norms = self.problem.norms().iter().map(|b| b.source);
+        rows.chain(norms)
+            .zip(self.spent.iter().chain(&self.spent_norms).copied())
             .collect()
     }
 
@@ -247,7 +316,7 @@ impl TerminalIngredients {
         }
     }
 
-    /// Linear programs solved for the horizon.
+    /// Linear programs, and with ellipsoids second-order cone programs, solved for the horizon.
     pub fn linear_programs(&self) -> usize {
         self.linear_programs
     }
@@ -265,8 +334,16 @@ impl TerminalIngredients {
     /// The explicit set (16)/(27) without redundant rows.
     ///
     /// # Errors
-    /// [`DesignError::Solver`] when a redundancy cannot be decided with a checked answer.
+    /// [`DesignError::Solver`] when a redundancy cannot be decided with a checked answer; [`DesignError::OutOfRange`] with
+    /// ellipsoids: the set is no polytope then.
     pub fn maximal_admissible_set(&self) -> Result<MaximalAdmissibleSet, DesignError> {
+        if !self.problem.norms().is_empty() {
+            return Err(DesignError::OutOfRange {
+                what: "the explicit terminal set".into(),
+                expected: "polytopic constraints; with ellipsoids the set is no polytope, and the formulation is \"implicit\"".into(),
+                found: format!("{} ellipsoids", self.problem.norms().len()),
+            });
+        }
         let mut system = self.augmented();
         let mut bank = within_a_box(&mut system, Room::Doubled, &Clock::unlimited())?;
         explicit_set::irredundant(&mut system, &mut bank, &self.steady_states, &self.spent)
@@ -303,6 +380,11 @@ impl TerminalIngredients {
         Ok(system.into_law_rows(self.problem.plant().inputs()))
     }
 
+    /// First spent step of ellipsoid k.
+    pub(crate) fn spent_norm_step(&self, norm: usize) -> usize {
+        self.spent_norms[norm]
+    }
+
     /// First spent step of constraint row i.
     pub(crate) fn spent_step(&self, row: usize) -> usize {
         self.spent[row]
@@ -332,10 +414,22 @@ fn terminal_law(
     law.map_err(|e| match e {
         DesignError::Interrupted { at_least, .. } => DesignError::Interrupted {
             at_least,
-            rows_left: problem.rows().len(),
+            rows_left: problem.rows().len() + problem.norms().len(),
         },
         other => other,
     })
+}
+
+/// First spent steps in the order of the problem's rows.
+fn spent_by_row(problem: &Problem, system: &Augmented, found: &horizon::Found) -> Vec<usize> {
+    let mut spent = vec![1; problem.rows().len()];
+    for (pair, at) in system.pairs.iter().zip(&found.spent) {
+        spent[pair.upper] = at[0];
+        if let Some((lower, _)) = pair.lower {
+            spent[lower] = at[1];
+        }
+    }
+    spent
 }
 
 /// From this many states on K and P take long enough for somebody to want to stop them.

@@ -29,11 +29,11 @@ impl fmt::Display for Condition {
 /// How far a search has come.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Progress {
-    /// Rows whose first spent step is known.
+    /// Rows and ellipsoids whose first spent step is known.
     pub rows_done: usize,
     /// Rows in all; 0 while K and P are computed.
     pub rows_total: usize,
-    /// The row last asked about; `None` while K and P are computed.
+    /// The row or ellipsoid last asked about; `None` while K and P are computed.
     pub row: Option<RowSource>,
     /// The step at which it was asked; 0 before the first.
     pub step: usize,
@@ -90,6 +90,6 @@ pub struct Phases {
     pub steady_states: Duration,
     /// The rows of all steps along the terminal law, and their layout.
     pub rows: Duration,
-    /// Linear programs (20)(29).
+    /// Linear programs (20)(29), and with ellipsoids second-order cone programs and their rows.
     pub programs: Duration,
 }

@@ -22,6 +22,7 @@
 //! ```
 
 mod csv;
+mod ellipsoid;
 mod error;
 mod locate;
 mod reader;
@@ -245,6 +246,7 @@ fn constraints(section: &Section<'_>, n: usize, m: usize) -> Result<Constraints,
         "input_lower",
         "input_upper",
         "mixed",
+        "ellipsoid",
     ])?;
     let side = |name: &str, len: usize, free: f64| -> Result<Vec<f64>, FileError> {
         Ok(section.vector(name)?.unwrap_or_else(|| vec![free; len]))
@@ -267,7 +269,7 @@ fn constraints(section: &Section<'_>, n: usize, m: usize) -> Result<Constraints,
             d,
         )?;
     }
-    Ok(constraints)
+    ellipsoid::read(section, constraints)
 }
 
 fn simulation(section: &Section<'_>, problem: &Problem) -> Result<Simulation, FileError> {

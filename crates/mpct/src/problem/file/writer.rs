@@ -2,7 +2,7 @@
 
 use super::ProblemFile;
 use crate::matrix::SparseMatrix;
-use crate::problem::{Formulation, Task, TerminalCost};
+use crate::problem::{EllipsoidShape, Formulation, Task, TerminalCost};
 use std::fmt::Write;
 
 /// Below this share of entries the sparse form of a matrix is shorter.
@@ -141,6 +141,20 @@ pub(super) fn write(file: &ProblemFile) -> String {
         line("[[constraints.mixed]]\nC", matrix(&rows.c));
         line("D", matrix(&rows.d));
         line("d", list(&rows.bound));
+    }
+    for ellipsoid in constraints.ellipsoids() {
+        let head = "[[constraints.ellipsoid]]";
+        match ellipsoid.shape() {
+            EllipsoidShape::State(e) => line(&format!("{head}\nstate"), weight(e)),
+            EllipsoidShape::Input(e) => line(&format!("{head}\ninput"), weight(e)),
+            EllipsoidShape::Mixed { c, d } => {
+                line(&format!("{head}\nC"), matrix(c));
+                line("D", matrix(d));
+            }
+        }
+        if let Some(center) = ellipsoid.center() {
+            line("center", list(center));
+        }
     }
     line("\n[weights]\nQ", weight(problem.state_weight()));
     line("R", weight(problem.input_weight()));
