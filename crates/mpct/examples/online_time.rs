@@ -38,6 +38,9 @@ struct Accuracy {
     residual: f64,
     /// Largest difference between the inputs of the runtime and of the desk.
     apart: f64,
+    /// Variables and rows of the program.
+    variables: usize,
+    rows: usize,
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -99,8 +102,12 @@ fn main() -> Result<(), Box<dyn Error>> {
             )?;
             std::fs::write(out, table(&records)?)?;
             println!(
-                "{{\"violation\": {:e}, \"residual\": {:e}, \"apart\": {:e}}}",
-                accuracy.violation, accuracy.residual, accuracy.apart
+                "{{\"violation\": {:e}, \"residual\": {:e}, \"apart\": {:e}, \"variables\": {}, \"rows\": {}}}",
+                accuracy.violation,
+                accuracy.residual,
+                accuracy.apart,
+                accuracy.variables,
+                accuracy.rows
             );
             Ok(())
         }
@@ -145,7 +152,12 @@ fn run(
     let plant = problem.plant();
     let (n, m) = (plant.states(), plant.inputs());
     let at = plant.operating_point().clone();
-    let (mut records, mut accuracy) = (Vec::<Record>::new(), Accuracy::default());
+    let mut records = Vec::<Record>::new();
+    let mut accuracy = Accuracy {
+        variables: desk.variables(),
+        rows: desk.rows(),
+        ..Accuracy::default()
+    };
     for repetition in 0..repetitions.max(1) {
         desk.reset();
         let mut x = initial.clone();
@@ -177,6 +189,8 @@ fn run(
         }
     }
     let Some((dims, numbers)) = desk.runtime_tables() else {
+        // The desk checks every optimum to 1e-8 and keeps the number to itself.
+        accuracy.residual = f64::NAN;
         return Ok((records, accuracy));
     };
     let (mut memory, mut indices) = (vec![0.0; dims.workspace_len()], vec![0; dims.index_len()]);
