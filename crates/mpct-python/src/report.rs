@@ -2,7 +2,6 @@
 
 use crate::analysis::long_answer;
 use crate::controller::PyController;
-use crate::convert;
 use crate::errors;
 use crate::fork;
 use crate::interrupt;
@@ -97,13 +96,9 @@ pub fn _picture(
 /// Names of files and what they have.
 type Files = Vec<(String, Vec<u8>)>;
 
-/// Section 4 of the paper as plain data, and as files; its figures too when `png` says so.
+/// Section 4 of the paper as files; its figures too when `png` says so.
 #[pyfunction]
-pub fn _reproduce<'py>(
-    py: Python<'py>,
-    extent: &str,
-    png: bool,
-) -> PyResult<(Bound<'py, PyAny>, Files)> {
+pub fn _reproduce(py: Python<'_>, extent: &str, png: bool) -> PyResult<Files> {
     let extent = match extent {
         "short" => Extent::Short,
         "standard" => Extent::Standard,
@@ -127,7 +122,7 @@ pub fn _reproduce<'py>(
         })
     })?
     .map_err(|e| errors::reproduction(py, &e))?;
-    let files = fork::detached(py, || {
+    fork::detached(py, || {
         let mut files: Files = REPRODUCTION_FILES
             .into_iter()
             .zip(reproduction_files(&found)?)
@@ -141,6 +136,5 @@ pub fn _reproduce<'py>(
         }
         Ok(files)
     })
-    .map_err(|e: String| PyRuntimeError::new_err(e))?;
-    Ok((convert::plain(py, &found)?, files))
+    .map_err(|e: String| PyRuntimeError::new_err(e))
 }

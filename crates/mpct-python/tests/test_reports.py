@@ -52,7 +52,8 @@ def test_report_has_the_margins_of_the_proofs(design):
     run = mpct.simulate(design.controller(), [0, 0], [2, 0.5], 30)
     verified = mpct.verify(design.certificate())
     page = run.report()
-    rows, margin = re.search(r"(\d+) rows implied by the steps before.*?smallest margin ([0-9.e+-]+)", page, re.DOTALL).groups()
+    said = re.search(r"(\d+) rows implied by the steps before.*?smallest margin ([0-9.e\u2212]+)", page, re.DOTALL)
+    rows, margin = said.group(1), said.group(2).replace("\u2212", "-")
     assert int(rows) == verified.rows_rigorous + verified.rows_to_tolerance
     assert float(margin) == pytest.approx(verified.smallest_margin, rel=1e-2)
     problem = design.problem.replace(formulation="no_terminal_constraint", horizon_extension=2, gamma=20, horizon=3, alpha=1)

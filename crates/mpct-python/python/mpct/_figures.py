@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from os import PathLike
@@ -378,10 +379,11 @@ def reproduce(
     if folder is not None:
         # A folder that cannot be made is told before the work, not after it.
         Path(folder).mkdir(parents=True, exist_ok=True)
-    plain, files = _mpct._reproduce(extent, bool(png and folder is not None))
+    files = _mpct._reproduce(extent, png)
     if folder is not None:
         for name, data in files:
             write_atomically(Path(folder) / name, data)
+    plain: dict[str, Any] = json.loads(dict(files)["section-4.json"])
     return plain
 
 
