@@ -6,7 +6,8 @@ use crate::errors;
 use crate::fork;
 use crate::interrupt;
 use mpct::DesignError;
-use mpct::analysis::{DomainOfAttraction, Membership, Polygon};
+use mpct::analysis::{DomainOfAttraction, Membership, Polygon, Reach, Volume};
+use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::sync::Arc;
@@ -21,6 +22,26 @@ pub fn polygon<'py>(py: Python<'py>, polygon: Polygon) -> PyResult<Bound<'py, Py
     fields.set_item("queries", polygon.queries)?;
     fields.set_item("area", polygon.area())?;
     convert::result(py, "Polygon", &fields)
+}
+
+/// A reach for Python.
+pub fn reach(py: Python<'_>, reach: Reach) -> PyResult<Bound<'_, PyAny>> {
+    let fields = PyDict::new(py);
+    fields.set_item("distance", reach.distance)?;
+    fields.set_item("at_most", reach.at_most)?;
+    fields.set_item("state", convert::to_array(py, reach.state))?;
+    convert::result(py, "Reach", &fields)
+}
+
+/// A volume for Python.
+pub fn volume(py: Python<'_>, volume: Volume) -> PyResult<Bound<'_, PyAny>> {
+    let fields = PyDict::new(py);
+    fields.set_item("value", volume.value)?;
+    fields.set_item("dimension", volume.dimension)?;
+    fields.set_item("gap", volume.gap)?;
+    fields.set_item("vertices", volume.vertices)?;
+    fields.set_item("queries", volume.queries)?;
+    convert::result(py, "Volume", &fields)
 }
 
 fn membership<'py>(py: Python<'py>, found: Membership) -> PyResult<Bound<'py, PyAny>> {
@@ -117,15 +138,33 @@ impl PyDomainOfAttraction {
     ) -> PyResult<Bound<'py, PyAny>> {
         let direction = convert::vector("direction", direction)?;
         let state = state.map(|x| convert::vector("state", x)).transpose()?;
-        let reach = work(py, || match &state {
+        let found = work(py, || match &state {
             Some(state) => self.inner.reach_from(state, &direction),
             None => self.inner.reach(&direction),
         })?;
-        let fields = PyDict::new(py);
-        fields.set_item("distance", reach.distance)?;
-        fields.set_item("at_most", reach.at_most)?;
-        fields.set_item("state", convert::to_array(py, reach.state))?;
-        convert::result(py, "Reach", &fields)
+        self::reach(py, found)
+    }
+
+    /// The operating point's state, from which `reach` is measured, shape (n,).
+    #[getter]
+    fn origin<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, self.inner.origin())
+    }
+
+    /// Length, area or volume of the domain, for plants of up to three states.
+    ///
+    /// Returns
+    /// -------
+    /// Volume
+    ///
+    /// Raises
+    /// ------
+    /// DesignError
+    ///     For more states, and when the domain is unbounded.
+    fn volume<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let domain = Arc::clone(&self.inner);
+        let found = long_work(py, move || domain.volume())?;
+        self::volume(py, found)
     }
 
     /// The projection on two states: the pairs for which some values of the other states are in the domain.
@@ -194,7 +233,15 @@ pub fn long_work<T: Send + 'static>(
     py: Python<'_>,
     of: impl FnOnce() -> Result<T, DesignError> + Send + 'static,
 ) -> PyResult<T> {
-    interrupt::leave(py, |_| of())?.map_err(|e| errors::design(py, &e))
+    long_answer(py, of)?.map_err(|e| errors::design(py, &e))
+}
+
+/// The same of work that cannot fail.
+pub fn long_answer<T: Send + 'static>(
+    py: Python<'_>,
+    of: impl FnOnce() -> T + Send + 'static,
+) -> PyResult<T> {
+    interrupt::leave(py, |_| of())
 }
 
 /// Work on a design without the GIL, too short for a thread of its own.

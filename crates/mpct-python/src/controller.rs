@@ -8,12 +8,14 @@ use crate::fork;
 use crate::names;
 use crate::search;
 use crate::step::PyStep;
-use mpct::{AdmissibleSetPoint, CondensedQp, Controller, Formulation, SetPoint};
+use mpct::{
+    AdmissibleSetPoint, CondensedQp, Controller, Formulation, SetPoint, TerminalIngredients,
+};
 use numpy::{PyArray1, PyArray2};
 use pyo3::exceptions::PyNotImplementedError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 /// A set-point from its state and, when stated, its input.
@@ -24,12 +26,28 @@ pub fn set_point(state: &Bound<'_, PyAny>, input: Option<&Bound<'_, PyAny>>) -> 
     })
 }
 
+/// A controller that threads share.
+#[derive(Clone)]
+pub struct Shared(Arc<Mutex<Controller>>);
+
+impl Shared {
+    /// The controller, for one thread. To be called without the GIL, which the thread that holds it may wait for.
+    pub fn lock(&self) -> MutexGuard<'_, Controller> {
+        // A step that panicked leaves nothing behind that the next one would trust: the solver starts anew.
+        self.0.lock().unwrap_or_else(|poisoned: PoisonError<_>| {
+            let mut guard = poisoned.into_inner();
+            guard.reset();
+            guard
+        })
+    }
+}
+
 /// A controller. Made by `Design.controller`; threads may share it, their steps then follow one another.
 ///
 /// A pickle of it has the problem; unpickling does the design again and forgets the last step.
 #[pyclass(frozen, name = "Controller", module = "mpct")]
 pub struct PyController {
-    inner: Mutex<Controller>,
+    inner: Shared,
     design: PyDesign,
     formulation: Formulation,
 }
@@ -37,7 +55,7 @@ pub struct PyController {
 impl PyController {
     pub fn new(inner: Controller, design: PyDesign, formulation: Formulation) -> Self {
         Self {
-            inner: Mutex::new(inner),
+            inner: Shared(Arc::new(Mutex::new(inner))),
             design,
             formulation,
         }
@@ -58,14 +76,17 @@ impl PyController {
 
     /// The controller, for one thread. To be called without the GIL, which the thread that holds it may wait for.
     pub fn lock(&self) -> MutexGuard<'_, Controller> {
-        // A step that panicked leaves nothing behind that the next one would trust: the solver starts anew.
-        self.inner
-            .lock()
-            .unwrap_or_else(|poisoned: PoisonError<_>| {
-                let mut guard = poisoned.into_inner();
-                guard.reset();
-                guard
-            })
+        self.inner.lock()
+    }
+
+    /// The controller for a thread that outlives the call.
+    pub fn shared(&self) -> Shared {
+        self.inner.clone()
+    }
+
+    /// What it was made from; no lock is needed.
+    pub fn ingredients(&self) -> &TerminalIngredients {
+        &self.design.inner
     }
 }
 
@@ -164,6 +185,53 @@ impl PyController {
         let qp = fork::detached(py, || self.lock().qp(&x, &set_point))
             .map_err(|e| errors::step(py, &e))?;
         program(py, qp)
+    }
+
+    /// The rows of the quadratic program that proved the last step infeasible, with their multipliers y.
+    ///
+    /// Returns
+    /// -------
+    /// list of tuple
+    ///     For each row its index in `qp`, where it comes from, and its multiplier. Empty unless the last step was
+    ///     refused as "infeasible".
+    ///
+    /// Notes
+    /// -----
+    /// The multipliers are y ≥ 0 with Gᵀy ≈ 0 and bᵀy < 0, so that no z has G z ≤ b. They were checked.
+    fn infeasibility_proof(&self, py: Python<'_>) -> Vec<(usize, String, f64)> {
+        fork::detached(py, || self.lock().infeasibility_proof())
+            .into_iter()
+            .map(|(row, name, multiplier)| (row, name.to_string(), multiplier))
+            .collect()
+    }
+
+    /// The tables of the online program for the runtime, which runs on a target without this package.
+    ///
+    /// Returns
+    /// -------
+    /// RuntimeTables or None
+    ///     None for plants of many subsystems, whose program has no dense tables.
+    fn runtime_tables<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
+        let tables = fork::detached(py, || {
+            let controller = self.lock();
+            controller
+                .runtime_tables()
+                .map(|(dims, numbers)| (dims, numbers.to_vec()))
+        });
+        let Some((dims, numbers)) = tables else {
+            return Ok(None);
+        };
+        let fields = PyDict::new(py);
+        fields.set_item("states", dims.states)?;
+        fields.set_item("inputs", dims.inputs)?;
+        fields.set_item("horizon", dims.horizon)?;
+        fields.set_item("set_point", dims.set_point)?;
+        fields.set_item("rows", dims.rows)?;
+        fields.set_item("input_rows", dims.input_rows)?;
+        fields.set_item("workspace_len", dims.workspace_len())?;
+        fields.set_item("index_len", dims.index_len())?;
+        fields.set_item("numbers", convert::to_array(py, numbers))?;
+        convert::result(py, "RuntimeTables", &fields).map(Some)
     }
 
     /// Forgets the last step; the next one has no candidate to fall back on.

@@ -15,6 +15,7 @@ use mpct::{
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
+use std::collections::BTreeMap;
 
 /// The terminal ingredients of a controller. Made by `Problem.design`.
 ///
@@ -156,6 +157,18 @@ impl PyDesign {
     #[getter]
     fn seconds(&self) -> f64 {
         self.inner.elapsed().as_secs_f64()
+    }
+
+    /// Where those seconds went: "law" (K and P), "steady_states", "rows" and "programs".
+    #[getter]
+    fn phases(&self) -> BTreeMap<&'static str, f64> {
+        let phases = self.inner.phases();
+        BTreeMap::from([
+            ("law", phases.law.as_secs_f64()),
+            ("steady_states", phases.steady_states.as_secs_f64()),
+            ("rows", phases.rows.as_secs_f64()),
+            ("programs", phases.programs.as_secs_f64()),
+        ])
     }
 
     /// The explicit terminal set without redundant rows.

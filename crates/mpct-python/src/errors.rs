@@ -1,5 +1,6 @@
 //! Errors as Python exceptions: one class for each enum of the library, one for arguments.
 
+use crate::controller::PyController;
 use mpct::analysis::reproduce::ReproductionError;
 use mpct::certificate::VerifyError;
 use mpct::{DesignError, FileError, SimulationError, StepError};
@@ -287,7 +288,11 @@ pub fn file(py: Python<'_>, error: &FileError) -> PyErr {
 }
 
 /// `mpct.SimulationError` or `mpct.DesignError`; a failed step brings its number and the run before it.
-pub fn simulation(py: Python<'_>, error: &SimulationError) -> PyErr {
+pub fn simulation<'py>(
+    py: Python<'py>,
+    error: &SimulationError,
+    controller: Option<&Bound<'py, PyController>>,
+) -> PyErr {
     match error {
         SimulationError::Setting(error) => design(py, error),
         SimulationError::InitialState { row, violation } => exception(
@@ -303,7 +308,7 @@ pub fn simulation(py: Python<'_>, error: &SimulationError) -> PyErr {
             ),
         ),
         SimulationError::Interrupted { run } => {
-            match crate::simulation::run_to_python(py, run, None) {
+            match crate::simulation::run_to_python(py, run, controller) {
                 Ok(run) => exception(
                     py,
                     "SimulationError",
@@ -321,7 +326,7 @@ pub fn simulation(py: Python<'_>, error: &SimulationError) -> PyErr {
         } => {
             let (kind, fields) = step_fields(py, cause);
             let fields = helped(fields, step_help(cause));
-            let known = crate::simulation::run_to_python(py, run, None)
+            let known = crate::simulation::run_to_python(py, run, controller)
                 .and_then(|run| fields.set_item("run", run))
                 .and_then(|()| fields.set_item("step", step));
             match known {
@@ -343,7 +348,7 @@ pub fn simulation(py: Python<'_>, error: &SimulationError) -> PyErr {
 pub fn reproduction(py: Python<'_>, error: &ReproductionError) -> PyErr {
     match error {
         ReproductionError::Design(e) => design(py, e),
-        ReproductionError::Simulation(e) => simulation(py, e),
+        ReproductionError::Simulation(e) => simulation(py, e, None),
         ReproductionError::Step(e) => step(py, e),
         other => exception(py, "Error", other.to_string(), "other", &fields!(py)),
     }

@@ -2,22 +2,17 @@
 
 use crate::controller;
 use crate::convert;
-use crate::design::PyDesign;
 use crate::errors;
 use crate::fork;
-use crate::interrupt;
 use crate::problem::PyProblem;
 use crate::search::Search;
 use crate::simulation::run_from_python;
-use mpct::analysis::reproduce::{Extent, reproduce as run_reproduction};
 use mpct::analysis::{self, Performance};
 use mpct::certificate::{self, VerifyOptions};
 use mpct::{ProblemFile, SetPoint, cases};
-use mpct_report::{Choice, REPRODUCTION_FILES, Report, reproduction_files};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use std::path::Path;
-use std::sync::atomic::Ordering;
 
 /// `mpct.scaling_need`, without its class.
 #[pyfunction]
@@ -134,90 +129,6 @@ pub fn _example(
         }
     };
     Ok(cases::text(&file))
-}
-
-/// The page of a closed loop, and a picture of the states and inputs with the names `signals` when they are not None.
-#[pyfunction]
-pub fn _report(
-    py: Python<'_>,
-    run: &Bound<'_, PyAny>,
-    design: PyRef<'_, PyDesign>,
-    disturbed: bool,
-    signals: Option<Vec<String>>,
-) -> PyResult<String> {
-    let run = run_from_python(run)?;
-    let ingredients = &design.inner;
-    let plant = ingredients.problem().plant();
-    let (n, m) = (plant.states(), plant.inputs());
-    if let Some(step) = run.steps.first() {
-        if (step.x.len(), step.u.len()) != (n, m) {
-            let words = |n: usize, m: usize| format!("one with {n} states and {m} inputs");
-            let found = words(step.x.len(), step.u.len());
-            return Err(errors::argument(py, "run", &words(n, m), &found));
-        }
-        let widths = [
-            ("artificial_state", n, step.artificial_state.len()),
-            ("artificial_input", m, step.artificial_input.len()),
-            ("setpoint", n, step.setpoint.len()),
-        ];
-        if let Some((what, expected, found)) = widths.iter().find(|w| w.1 != w.2) {
-            let words = |n: usize| format!("{n} columns");
-            return Err(errors::argument(
-                py,
-                what,
-                &words(*expected),
-                &words(*found),
-            ));
-        }
-    }
-    let report = || Report::new(ingredients, &run, disturbed);
-    match signals {
-        None => Ok(fork::detached(py, || report().page())),
-        Some(names) => {
-            let choice = Choice::of(ingredients.problem(), &names)
-                .map_err(|e| errors::argument(py, "signals", "names of states and inputs", &e))?;
-            Ok(fork::detached(py, || report().picture(&choice)))
-        }
-    }
-}
-
-/// Names of files and their texts.
-type Files = Vec<(&'static str, String)>;
-
-/// Section 4 of the paper as plain data, and as texts of files with their names.
-#[pyfunction]
-pub fn _reproduce<'py>(py: Python<'py>, extent: &str) -> PyResult<(Bound<'py, PyAny>, Files)> {
-    let extent = match extent {
-        "short" => Extent::Short,
-        "standard" => Extent::Standard,
-        "full" => Extent::Full,
-        _ => {
-            let expected = "'short' or 'standard' or 'full'";
-            return Err(errors::argument(
-                py,
-                "extent",
-                expected,
-                &format!("'{extent}'"),
-            ));
-        }
-    };
-    let found = interrupt::leave(py, move |left| {
-        run_reproduction(extent, &|_| {
-            if left.load(Ordering::Relaxed) {
-                // Nobody waits for the rest. This ends the thread without a message.
-                std::panic::resume_unwind(Box::new("left"));
-            }
-        })
-    })?
-    .map_err(|e| errors::reproduction(py, &e))?;
-    let texts = fork::detached(py, || reproduction_files(&found))
-        .map_err(pyo3::exceptions::PyRuntimeError::new_err)?;
-    let files = REPRODUCTION_FILES
-        .into_iter()
-        .zip(texts)
-        .map(|(name, (_, text))| (name, text))
-        .collect();
-    Ok((convert::plain(py, &found)?, files))
 }
 
 /// Problem and simulation of a problem file: `path`, or the text in the folder "." when it is None.

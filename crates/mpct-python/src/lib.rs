@@ -12,6 +12,7 @@ mod names;
 mod parts;
 mod plant;
 mod problem;
+mod report;
 mod search;
 mod simulation;
 mod stability;
@@ -29,8 +30,8 @@ mod _mpct {
     use crate::design::PyDesign;
     #[pymodule_export]
     use crate::figures::{
-        _compare, _example, _performance, _read_file, _report, _reproduce, _scaling_advice,
-        _scaling_need, _verify, _write_file,
+        _compare, _example, _performance, _read_file, _scaling_advice, _scaling_need, _verify,
+        _write_file,
     };
     #[pymodule_export]
     use crate::fork::_after_fork;
@@ -38,6 +39,8 @@ mod _mpct {
     use crate::plant::PyPlant;
     #[pymodule_export]
     use crate::problem::PyProblem;
+    #[pymodule_export]
+    use crate::report::{_picture, _report, _reproduce};
     #[pymodule_export]
     use crate::simulation::_simulate;
     #[pymodule_export]

@@ -51,7 +51,7 @@ impl Named for AlphaScope {
     ];
 }
 
-/// A stored run keeps no reasons; a step does.
+/// Without reasons: they have words of their own.
 impl Named for StepStatus {
     const WHAT: &'static str = "status";
     const WORDS: &'static [(&'static str, Self)] = &[
@@ -67,6 +67,22 @@ impl Named for CandidateReason {
         ("deadline", Self::Deadline),
         ("solver_failed", Self::SolverFailed),
     ];
+}
+
+/// Why a step returned the candidate.
+pub fn reason(status: StepStatus) -> Option<&'static str> {
+    match status {
+        StepStatus::Candidate(reason) => Some(word(reason)),
+        _ => None,
+    }
+}
+
+/// The status that a word stands for, with its reason when that is known.
+pub fn status(py: Python<'_>, word: &str, reason: Option<&str>) -> PyResult<StepStatus> {
+    match (value(py, word)?, reason) {
+        (StepStatus::Candidate(_), Some(reason)) => Ok(StepStatus::Candidate(value(py, reason)?)),
+        (status, _) => Ok(status),
+    }
 }
 
 /// The value that a word stands for.

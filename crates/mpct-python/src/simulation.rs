@@ -103,7 +103,7 @@ pub fn _simulate<'py>(
         },
         |_| Ok(()),
     )?;
-    let run = result.map_err(|e| errors::simulation(py, &e))?;
+    let run = result.map_err(|e| errors::simulation(py, &e, Some(controller)))?;
     run_to_python(py, &run, Some(controller))
 }
 
@@ -132,6 +132,12 @@ pub fn run_from_python(run: &Bound<'_, PyAny>) -> PyResult<Run> {
         .extract()
         .map_err(|_| wrong("iterations", "an array of whole numbers >= 0"))?;
     let status: Vec<String> = convert::texts("status", Some(&run.getattr("status")?))?;
+    let reasons: Vec<Option<String>> = match run.getattr("reason")? {
+        none if none.is_none() => vec![None; status.len()],
+        list => list
+            .extract()
+            .map_err(|_| wrong("reason", "a list of texts and None"))?,
+    };
     let steps = x.rows();
     let rows = [
         ("u", u.rows()),
@@ -144,6 +150,7 @@ pub fn run_from_python(run: &Bound<'_, PyAny>) -> PyResult<Run> {
         ("admissible", admissible.len()),
         ("iterations", iterations.len()),
         ("status", status.len()),
+        ("reason", reasons.len()),
     ];
     if let Some((what, found)) = rows.iter().find(|r| r.1 != steps) {
         return Err(errors::argument(
@@ -165,7 +172,7 @@ pub fn run_from_python(run: &Bound<'_, PyAny>) -> PyResult<Run> {
                 cost: cost[k],
                 offset_cost: offset_cost[k],
                 admissible: admissible[k],
-                status: names::value(run.py(), &status[k])?,
+                status: names::status(run.py(), &status[k], reasons[k].as_deref())?,
                 iterations: iterations[k],
                 solve_seconds: seconds[k],
             })
@@ -223,6 +230,13 @@ pub fn run_to_python<'py>(
             .map(|s| s.status.to_string())
             .collect::<Vec<_>>(),
     )?;
+    arrays.set_item(
+        "reason",
+        steps
+            .iter()
+            .map(|s| names::reason(s.status))
+            .collect::<Vec<_>>(),
+    )?;
     let summary = &run.summary;
     arrays.set_item(
         "final_state",
@@ -235,6 +249,7 @@ pub fn run_to_python<'py>(
         None => None,
     };
     arrays.set_item("problem", problem)?;
+    arrays.set_item("controller", controller)?;
     py.import("mpct._run")?
         .call_method("from_arrays", (arrays,), None)
 }

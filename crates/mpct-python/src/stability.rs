@@ -1,6 +1,6 @@
 //! Section 3.5: the largest α, and the stability region of a controller without terminal constraint.
 
-use crate::analysis::{long_work, polygon};
+use crate::analysis::{self, long_work, polygon};
 use crate::controller::{self, PyController};
 use crate::convert;
 use crate::design::PyDesign;
@@ -217,6 +217,49 @@ impl PyStabilityRegion {
         fields.set_item("level", found.level)?;
         fields.set_item("as_printed", found.as_printed)?;
         convert::result(py, "Attraction", &fields)
+    }
+
+    /// How far the region reaches in a direction.
+    ///
+    /// Parameters
+    /// ----------
+    /// direction : array_like, shape (n,)
+    ///     The direction.
+    /// state : array_like, shape (n,), optional
+    ///     Where the ray begins, a state inside the region; the closest admissible set-point unless stated.
+    ///
+    /// Returns
+    /// -------
+    /// Reach
+    #[pyo3(signature = (direction, state=None))]
+    fn reach<'py>(
+        &self,
+        py: Python<'py>,
+        direction: &Bound<'py, PyAny>,
+        state: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let direction = convert::vector("direction", direction)?;
+        let state = state.map(|x| convert::vector("state", x)).transpose()?;
+        let found = self.ask(py, move |region| match &state {
+            Some(state) => region.reach_from(state, &direction),
+            None => region.reach(&direction),
+        })?;
+        analysis::reach(py, found)
+    }
+
+    /// Length, area or volume of the region, for plants of up to three states. Its boundary is curved, and the hull of
+    /// points of it is what is measured.
+    ///
+    /// Returns
+    /// -------
+    /// Volume
+    ///
+    /// Raises
+    /// ------
+    /// DesignError
+    ///     For more states.
+    fn volume<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        analysis::volume(py, self.ask(py, |region| region.volume())?)
     }
 
     /// The projection on two states.

@@ -84,10 +84,7 @@ impl PyStep {
     /// Why the step returned the candidate: "iteration_limit", "deadline" or "solver_failed"; None for an optimum.
     #[getter]
     fn reason(&self) -> Option<&'static str> {
-        match self.inner.status {
-            StepStatus::Candidate(reason) => Some(names::word(reason)),
-            _ => None,
-        }
+        names::reason(self.inner.status)
     }
 
     /// Iterations of the solver.

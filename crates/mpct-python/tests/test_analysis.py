@@ -35,6 +35,114 @@ def test_domain_of_attraction(controller):
     assert error.value.kind == "out_of_range"
 
 
+def test_volumes(controller):
+    domain = mpct.DomainOfAttraction(controller)
+    assert domain.origin.tolist() == [0, 0]
+    found = domain.volume()
+    assert found.dimension == 2 and found.value == pytest.approx(domain.projection().area, rel=1e-6) and found.gap <= 1e-6
+    # Three states that do not act on each other: the volume is the product of the lengths.
+    rows = np.diag([0.5, 0.8, 0.9])
+    problem = mpct.Problem(mpct.Plant(rows, np.eye(3)), state=(-1, [1, 2, 3]), input=(-5, 5), Q=1, R=1, O=1e3, horizon=3)
+    box = mpct.DomainOfAttraction(problem.design().controller()).volume()
+    assert box.dimension == 3 and box.value == pytest.approx(2 * 3 * 4, rel=1e-5) and box.vertices >= 8
+    single = mpct.Problem(mpct.Plant([[0.5]], [[1.0]]), state=(-1, 2), input=(-5, 5), Q=1, R=1, O=1e3)
+    assert mpct.DomainOfAttraction(single.design().controller()).volume().value == pytest.approx(3)
+
+
+def test_reach_and_volume_of_a_stability_region():
+    controller = section_3_5(alpha=1.0).design().controller()
+    region = mpct.StabilityRegion(controller, [0.5, 0], "throughout_region")
+    outline = region.projection()
+    assert region.volume().value == pytest.approx(outline.area, rel=1e-3)
+    centre = np.array([0.5, 0])
+    for start in (None, [0.4, 0.05]):
+        direction = np.array([1.0, -0.3])
+        reach = region.reach(direction, start)
+        begin = centre if start is None else np.array(start)
+        np.testing.assert_allclose(reach.state, begin + reach.distance * direction, atol=1e-12)
+        assert reach.distance <= reach.at_most
+        # Just before it the state is inside, just after it outside.
+        assert region.contains(begin + 0.999 * reach.distance * direction).inside
+        assert not region.contains(begin + 1.001 * reach.at_most * direction).inside
+    with pytest.raises(mpct.DesignError, match="inside the stability region"):
+        region.reach([1, 0], [2.9, 2.9])
+
+
+def test_proof_of_a_step_that_is_infeasible(controller):
+    state, set_point = [2.9, 2.9], [0, 0]
+    assert controller.infeasibility_proof() == []
+    with pytest.raises(mpct.StepError) as error:
+        controller.step(state, set_point)
+    assert error.value.kind == "infeasible"
+    proof = controller.infeasibility_proof()
+    _, _, G, b = controller.qp(state, set_point)
+    rows, names, y = zip(*proof)
+    y = np.array(y)
+    assert (y >= 0).all() and b[list(rows)] @ y < 0
+    np.testing.assert_allclose(y @ G[list(rows)], 0, atol=1e-9 * np.abs(y).max() * np.abs(G).max())
+    assert all(" at step " in name or name.endswith("of the scaled equilibria") for name in names)
+    controller.step([0, 0], set_point)
+    assert controller.infeasibility_proof() == []
+
+
+def test_tables_for_the_runtime(controller):
+    tables = controller.runtime_tables()
+    assert (tables.states, tables.inputs, tables.horizon, tables.rows) == (2, 2, 10, controller.rows)
+    assert tables.numbers.size > controller.variables * controller.rows and tables.workspace_len > 0
+
+
+def test_phases_of_a_design(design):
+    assert set(design.phases) == {"law", "steady_states", "rows", "programs"}
+    assert 0 < sum(design.phases.values()) <= 1.5 * design.seconds
+
+
+def test_plots_of_sets(problem, design):
+    outlines = {f: mpct.DomainOfAttraction(design.controller(f)).projection() for f in ("implicit", "explicit")}
+    regulation = problem.replace(task="regulation").design().controller()
+    outlines["regulation"] = mpct.DomainOfAttraction(regulation).projection()
+    assert outlines["regulation"].area < outlines["implicit"].area == pytest.approx(outlines["explicit"].area)
+    ax = mpct.plots.sets(outlines, problem, states=[[1, 0], [0, 1]])
+    assert [t.get_text() for t in ax.get_legend().get_texts()] == ["implicit", "explicit", "regulation", "state"]
+    assert len(ax.lines) == 3 + 1 + 4
+    from matplotlib import pyplot
+
+    pyplot.close("all")
+
+
+def test_many_carts():
+    """Beyond a hundred variables plants of many subsystems have an online solver of their own."""
+    file = mpct.example("carts", 60)
+    problem = file.problem
+    controller = problem.design().controller()
+    assert controller.variables == 60 * (problem.horizon + 1) and controller.runtime_tables() is None
+    setting = file.simulation
+    run = mpct.simulate(controller, setting.x0, setting.set_points, 6)
+    A, B = problem.plant.A, problem.plant.B
+    np.testing.assert_allclose(run.x[1:], run.x[:-1] @ A.T + run.u[:-1] @ B.T, atol=1e-9)
+    assert set(run.status) == {"optimal"} and run.worst_violation < 1e-8
+    assert "<svg" in run.report()
+    # The program that other solvers get has the same optimum.
+    x = run.x[3]
+    H, f, G, b = problem.qp(x, run.setpoint[3])
+    assert H.shape == (controller.variables,) * 2 and G.shape == (controller.rows, controller.variables)
+    step = controller.step(x, run.setpoint[3])
+    design = controller.design
+    basis = design.steady_state_basis
+    Mx, Mu = np.split(basis, [problem.plant.states])
+    theta = np.linalg.lstsq(basis, np.concatenate([step.artificial_state, step.artificial_input]), rcond=None)[0]
+    N = problem.horizon
+    law = design.gain @ step.predicted_states[:N].T + ((Mu - design.gain @ Mx) @ theta)[:, None]
+    z = np.concatenate([(step.predicted_inputs.T - law).T.ravel(), theta])
+    assert (G @ z - b).max() < 1e-7
+    # No feasible direction is better: the gradient is a combination of active rows, with multipliers of one sign.
+    from scipy.optimize import nnls
+
+    active = G[G @ z >= b - 1e-7]
+    gradient = H @ z + f
+    residual = nnls(active.T, -gradient)[1] if len(active) else np.linalg.norm(gradient)
+    assert residual < 1e-5 * np.linalg.norm(f)
+
+
 def test_stability_region_of_the_paper():
     problem = academic_problem(formulation="no_terminal_constraint", horizon_extension=2, gamma=20, alpha=25)
     assert (problem.horizon_extension, problem.gamma, problem.alpha) == (2, 20.0, 25.0)

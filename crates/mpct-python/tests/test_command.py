@@ -102,6 +102,50 @@ def test_check():
         assert setpoint["closest_state"] == closest.state.tolist() and setpoint["limiting"] == closest.limiting
 
 
+def test_domain(tmp_path):
+    options = ["--state=-3,3", "--state=1,0.5", "--direction=1,0.5", "--outline=0,1", "--volume"]
+    sets = ["--set=implicit", "--set=explicit", "--set=regulation"]
+    told = json.loads(command("domain", EXAMPLES / "academic.toml", "--json", *options, *sets))["sets"]
+    problem = mpct.Problem.read(EXAMPLES / "academic.toml")
+    design = problem.design()
+    controllers = [
+        design.controller("implicit"), design.controller("explicit"), problem.replace(task="regulation").design().controller()
+    ]  # fmt: skip
+    for one, controller in zip(told, controllers, strict=True):
+        domain = mpct.DomainOfAttraction(controller)
+        assert [s["inside"] for s in one["states"]] == [domain.contains(s["state"]).inside for s in one["states"]]
+        proof = one["states"][1]["proof"]["inside"]
+        assert (proof["candidate"], proof["slack"]) == ((m := domain.contains([1, 0.5])).candidate.tolist(), m.slack)
+        reach = domain.reach([1, 0.5])
+        assert one["reach"][0]["distance"] == reach.distance and one["reach"][0]["at_most"] == reach.at_most
+        outline = domain.projection((0, 1))
+        assert one["outline"]["vertices"] == outline.vertices.tolist() and one["outline"]["area"] == outline.area
+        volume = domain.volume()
+        assert one["volume"] == {n: getattr(volume, n) for n in ("value", "dimension", "gap", "vertices", "queries")}
+
+
+def test_domain_without_terminal_constraint(tmp_path):
+    path = tmp_path / "section-3-5.toml"
+    problem = mpct.Problem.read(EXAMPLES / "academic.toml").replace(
+        formulation="no_terminal_constraint", horizon_extension=2, gamma=20, horizon=3, alpha=1
+    )
+    path.write_text(problem.to_toml(), encoding="utf-8")
+    options = ["--state=0.4,0", "--direction=1,0", "--section=0,1", "--volume", "--set-point=0.5,0", "--scope=throughout_region"]
+    told = json.loads(command("domain", path, "--json", *options))["sets"][0]
+    region = mpct.StabilityRegion(mpct.Problem.read(path).design().controller(), [0.5, 0], "throughout_region")
+    assert told["states"][0]["proof"]["cost"] == region.contains([0.4, 0]).cost
+    assert told["reach"][0]["distance"] == region.reach([1, 0]).distance
+    assert told["outline"]["vertices"] == region.section().vertices.tolist()
+    assert told["volume"]["value"] == region.volume().value
+
+
+def test_pictures_are_those_of_the_command(tmp_path):
+    command("simulate", EXAMPLES / "academic.toml", "--no-files", "--picture", tmp_path / "a.png", "--signals", "x1,u2")
+    file = mpct.ProblemFile.read(EXAMPLES / "academic.toml")
+    file.simulation.run(file.problem.design().controller()).picture(tmp_path / "b.png", ["x1", "u2"])
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
 def test_compare(tmp_path):
     file = mpct.ProblemFile.read(EXAMPLES / "academic.toml")
     other = mpct.ProblemFile(file.problem.replace(R=10), file.simulation)

@@ -143,6 +143,10 @@ def test_limits_and_reset(controller):
     step = controller.step([0, 0], [-2, 0.5])
     if step.status == "candidate":
         assert step.reason == "iteration_limit"
+    # A run keeps the reasons too; the limits outlive the reset at its start.
+    run = mpct.simulate(controller, [0, 0], [(0, [2, 0.5]), (5, [-2, -0.5])], 10)
+    assert [r is None for r in run.reason] == [s == "optimal" for s in run.status]
+    assert set(run.reason) <= {None, "iteration_limit"}
     controller.set_limits()
     with pytest.raises(ValueError, match="seconds >= 0"):
         controller.set_limits(seconds=-1)

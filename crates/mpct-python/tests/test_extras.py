@@ -39,7 +39,7 @@ def test_what_is_missing_is_named(blocked, code, told):
 def test_the_rest_needs_numpy_alone():
     every = ["matplotlib", "pandas", "control", "distributed", "pyarrow", "scipy", "IPython"]
     code = """
-assert run.report(controller.design) and controller.qp([0, 0], [1, 0])
+assert run.report() and controller.qp([0, 0], [1, 0])
 assert len(mpct.campaign(problem, {"scaling": [0.5]}, processes=1)) == 1
 assert mpct.plots.trajectories.__doc__
 assert mpct.DomainOfAttraction(controller).projection().area > 0

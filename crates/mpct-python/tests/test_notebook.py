@@ -31,6 +31,8 @@ def test_tutorial(monkeypatch):
         return next(text for source, text in shown.items() if part in source)
 
     assert "Design(M̃=" in output_of("problem.design()\ndesign")
+    outside = output_of("attracted.contains")
+    assert "inside: True False" in outside and "at step" in outside
     # 0.97 m is beyond 90 % of the rail; the cart goes to 0.9 m.
     assert "False" in output_of("run.admissible.any()") and "0.9" in output_of("run.admissible.any()")
     assert "state_upper[0]" in output_of("closest = ")

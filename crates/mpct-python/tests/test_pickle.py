@@ -64,6 +64,7 @@ def test_every_class_pickles(problem, design, controller):
         mpct.StabilityRegion(region.controller(), [0.5, 0], "throughout_region").contains([0.1, 0]),
         problem.closest_admissible([5, 1]), problem.check(), problem.constraint_rows(), design.maximal_admissible_set(),
         design.implicit_terminal_cost(), design.terminal_set_outline(), domain.contains([9, 9]), domain.reach([1, 0]),
+        domain.volume(), controller.runtime_tables(),
         mpct.campaign(problem, {"scaling": [0.5, 1.5]}, processes=1), mpct.ProblemFile(problem, setting),
         mpct.compare(run, run)[0], figures.margins[0], figures.settling[0], advice.set_points[0],
         mpct.sweep(problem, [0.5], simulation=setting)[0], mpct.verify(design.certificate()),

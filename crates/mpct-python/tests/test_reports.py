@@ -1,6 +1,7 @@
 """Reports and pictures are those of the command."""
 
 import json
+import pickle
 import re
 import xml.dom.minidom
 
@@ -19,13 +20,47 @@ def without_times(page):
 
 def test_report(design, tmp_path):
     run = mpct.simulate(design.controller(), [0, 0], [(0, [2, 0.5]), (50, [5, 1])], 100)
-    page = run.report(design, tmp_path / "report.html")
+    page = run.report(tmp_path / "report.html")
     assert page.startswith("<!DOCTYPE html>") and (tmp_path / "report.html").read_text(encoding="utf-8") == page
     assert "http://" not in page.replace("http://www.w3.org", "") and "https://" not in page
-    picture = run.picture(design, ["x2", "u1"], tmp_path / "picture.svg")
+    picture = run.picture(tmp_path / "picture.svg", ["x2", "u1"])
     xml.dom.minidom.parseString(picture)
-    assert picture.count("<g transform") == 2 and (tmp_path / "picture.svg").exists()
-    assert run.picture(design).count("<g transform") == 4
+    assert picture.count("<g transform") == 2 and (tmp_path / "picture.svg").read_text(encoding="utf-8") == picture
+    assert run.picture().count("<g transform") == 4
+    # A run out of a pickle has no controller of its own.
+    again = pickle.loads(pickle.dumps(run))
+    assert again.controller is None and run.controller is not None
+    assert again.picture(controller=design.controller()) == run.picture()
+    assert again.report(controller=design.controller()) == page
+
+
+def test_picture_in_pixels(design, tmp_path):
+    run = mpct.simulate(design.controller(), [0, 0], [2, 0.5], 30)
+    svg = run.picture(tmp_path / "picture.PNG", ["x1", "x2"])
+    width, height = (float(v) for v in re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', svg).groups())
+    from matplotlib import image
+
+    pixels = image.imread(tmp_path / "picture.PNG", format="png")
+    assert pixels.shape[:2] == (2 * height, 2 * width)
+    # Something is drawn on the white ground, in more than one colour.
+    shades = np.unique(pixels.reshape(-1, pixels.shape[2]), axis=0)
+    assert (pixels[0, 0] == 1).all() and len(shades) > 10
+    assert run.picture(tmp_path / "without").startswith("<svg") and (tmp_path / "without").read_text(encoding="utf-8")[:4] == "<svg"
+
+
+def test_report_has_the_margins_of_the_proofs(design):
+    run = mpct.simulate(design.controller(), [0, 0], [2, 0.5], 30)
+    verified = mpct.verify(design.certificate())
+    page = run.report()
+    said = re.search(r"(\d+) rows implied by the steps before.*?smallest margin ([0-9.e\u2212]+)", page, re.DOTALL)
+    rows, margin = said.group(1), said.group(2).replace("\u2212", "-")
+    assert int(rows) == verified.rows_rigorous + verified.rows_to_tolerance
+    assert float(margin) == pytest.approx(verified.smallest_margin, rel=1e-2)
+    problem = design.problem.replace(formulation="no_terminal_constraint", horizon_extension=2, gamma=20, horizon=3, alpha=1)
+    run = mpct.simulate(problem.design().controller(), [0, 0], [0.3, 0.1], 10)
+    region = mpct.StabilityRegion(run.controller, [0.3, 0.1], "throughout_region")
+    assert region.contains([0, 0]).inside
+    assert "the state is in \u03a5" in run.report()
 
 
 def test_a_disturbance_is_seen(design):
@@ -46,16 +81,19 @@ def test_report_is_that_of_the_command(tmp_path):
     file = mpct.ProblemFile.read(EXAMPLES / "academic.toml")
     design = file.problem.design()
     run = file.simulation.run(design.controller())
-    assert run.picture(design) == picture.read_text(encoding="utf-8")
+    assert run.picture() == picture.read_text(encoding="utf-8")
     # The number of linear programs depends on threads.
-    plain = [re.sub(r"\d+ linear programs", "", without_times(p)) for p in (run.report(design), page.read_text(encoding="utf-8"))]
+    plain = [re.sub(r"\d+ linear programs", "", without_times(p)) for p in (run.report(), page.read_text(encoding="utf-8"))]
     assert plain[0] == plain[1]
 
 
 def test_files_of_a_reproduction(tmp_path):
-    found = mpct.reproduce("short", tmp_path / "new" / "folder")
+    found = mpct.reproduce("short", tmp_path / "new" / "folder", png=True)
     names = {p.name for p in (tmp_path / "new" / "folder").iterdir()}
-    assert names == {"section-4.html", "section-4.json", "table-1.csv", "table-2.csv"}
+    pictures = {n for n in names if n.endswith(".png")}
+    assert names - pictures == {"section-4.html", "section-4.json", "table-1.csv", "table-2.csv"} and len(pictures) >= 3
+    for name in pictures:
+        assert (tmp_path / "new" / "folder" / name).read_bytes().startswith(b"\x89PNG")
     assert found["table_1"] and all(line["terminal_horizon"] == line["printed_horizon"] for line in found["table_1"])
     assert json.loads((tmp_path / "new" / "folder" / "section-4.json").read_text(encoding="utf-8")) == found
 
@@ -124,17 +162,19 @@ def test_a_run_put_together_by_hand(design):
     }
     run = mpct.Run(**known)
     assert run._disturbed(design.problem.plant)
-    assert "<svg" in run.report(design) and mpct.performance(run, design.problem).steps == 20
+    assert "<svg" in run.report(controller=controller) and mpct.performance(run, design.problem).steps == 20
     assert run.to_dataframe().shape == (20, 16) and len(run.plot().axes) == 4
     for name, value, message in [
         ("admissible", np.ones(20), "admissible: expected an array of booleans"),
         ("iterations", -np.ones(20, int), "iterations: expected an array of whole numbers"),
         ("status", "optimal", "status: expected a list of texts"),
         ("status", ["fine"] * 20, "status: expected 'optimal' or 'candidate'"),
+        ("reason", [None] * 19, "reason: expected 20 steps"),
+        ("reason", "none", "reason: expected a list of texts and None"),
         ("u", np.zeros((19, 2)), "u: expected 20 steps, as in x, found 19"),
         ("x", np.zeros(20), "x: expected a matrix"),
         ("x", np.zeros((20, 3)), "run: expected one with 2 states"),
         ("artificial_state", np.zeros((20, 1)), "artificial_state"),
     ]:
         with pytest.raises(mpct.Error, match=message):
-            mpct.Run(**{**known, name: value}).report(design)
+            mpct.Run(**{**known, name: value}).report(controller=controller)

@@ -64,7 +64,9 @@ from ._results import (
     Membership,
     Polygon,
     Reach,
+    RuntimeTables,
     Verified,
+    Volume,
 )
 from ._run import Run, Simulation, simulate
 from ._sweep import SweepPoint, sweep
@@ -96,6 +98,7 @@ __all__ = [
     "ProblemFile",
     "Reach",
     "Run",
+    "RuntimeTables",
     "ScalingAdvice",
     "ScalingNeed",
     "Settling",
@@ -107,6 +110,7 @@ __all__ = [
     "SweepPoint",
     "Verified",
     "VerifyError",
+    "Volume",
     "__version__",
     "campaign",
     "compare",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from os import PathLike
@@ -352,7 +353,11 @@ def example(case: str = "academic", count: int = 10) -> ProblemFile:
     return ProblemFile.parse(_mpct._example(case, count))
 
 
-def reproduce(extent: Literal["short", "standard", "full"] = "short", folder: str | PathLike[str] | None = None) -> dict[str, Any]:
+def reproduce(
+    extent: Literal["short", "standard", "full"] = "short",
+    folder: str | PathLike[str] | None = None,
+    png: bool = False,
+) -> dict[str, Any]:
     """Section 4 of the paper: its tables and figures as plain data, and as files when a folder is stated.
 
     Parameters
@@ -361,19 +366,24 @@ def reproduce(extent: Literal["short", "standard", "full"] = "short", folder: st
         Seconds, minutes, or long.
     folder : str or os.PathLike, optional
         Where the files of ``mpct reproduce`` go: a page, all data, two tables. Made when it is missing.
+    png : bool, default False
+        Also write each figure as a PNG file.
 
     Returns
     -------
     dict
         What ``section-4.json`` has.
     """
+    if png and folder is None:
+        raise argument("folder", "a folder for the pictures", "none")
     if folder is not None:
         # A folder that cannot be made is told before the work, not after it.
         Path(folder).mkdir(parents=True, exist_ok=True)
-    plain, files = _mpct._reproduce(extent)
+    files = _mpct._reproduce(extent, png)
     if folder is not None:
-        for name, text in files:
-            write_atomically(Path(folder) / name, text.encode())
+        for name, data in files:
+            write_atomically(Path(folder) / name, data)
+    plain: dict[str, Any] = json.loads(dict(files)["section-4.json"])
     return plain
 
 

@@ -244,7 +244,7 @@ class Membership:
 
 @dataclass(frozen=True, eq=False)
 class Reach:
-    """How far a domain of attraction reaches. Made by `DomainOfAttraction.reach`.
+    """How far a set of states reaches. Made by `DomainOfAttraction.reach` and `StabilityRegion.reach`.
 
     Attributes
     ----------
@@ -259,6 +259,60 @@ class Reach:
     distance: float
     at_most: float
     state: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Volume:
+    """Length, area or volume of a set of states. Made by `DomainOfAttraction.volume` and `StabilityRegion.volume`.
+
+    Attributes
+    ----------
+    value : float
+        Of the hull of points of the set, in the product of the states' units.
+    dimension : int
+        Number of states, 1 to 3.
+    gap : float
+        How far the set may reach beyond a side of that hull, at most, as a share of the half-widths.
+    vertices : int
+        Points that span the hull.
+    queries : int
+        Support queries made.
+    """
+
+    value: float
+    dimension: int
+    gap: float
+    vertices: int
+    queries: int
+
+
+@dataclass(frozen=True, eq=False)
+class RuntimeTables:
+    """The online program for the runtime. Made by `Controller.runtime_tables`.
+
+    Attributes
+    ----------
+    states, inputs, horizon : int
+        n, m and N.
+    set_point : int
+        Numbers of a set-point: state, then input.
+    rows, input_rows : int
+        Rows of the program, and of E in the limits E u ≤ 1 of the input; 0 when the tables do not know them.
+    workspace_len, index_len : int
+        Floats and indices of memory that the runtime needs.
+    numbers : ndarray
+        The tables.
+    """
+
+    states: int
+    inputs: int
+    horizon: int
+    set_point: int
+    rows: int
+    input_rows: int
+    workspace_len: int
+    index_len: int
+    numbers: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -332,7 +386,9 @@ CLASSES = (
     Membership,
     Polygon,
     Reach,
+    RuntimeTables,
     Verified,
+    Volume,
 )
 for _class in CLASSES:
     _class.__module__ = "mpct"

@@ -13,7 +13,7 @@ from . import _mpct
 from ._atomic import write_atomically
 from ._convert import instance, listed
 from ._errors import argument, argument_type
-from ._mpct import Controller, Design, Plant, Problem
+from ._mpct import Controller, Plant, Problem
 
 if TYPE_CHECKING:
     import pandas
@@ -57,6 +57,10 @@ class Run:
         Largest violation of a constraint, in the units of its row; 0 when there is none.
     problem : Problem or None
         The problem, for plots and names of columns.
+    reason : list of str or None
+        Why a step returned the candidate, as `Step.reason`; None for an optimum. None in place of the list when not known.
+    controller : Controller or None
+        The controller that ran, for reports and pictures. A pickle leaves it out.
     """
 
     x: NDArray[np.float64]
@@ -74,6 +78,12 @@ class Run:
     cumulative_cost: float
     worst_violation: float
     problem: Problem | None = field(default=None)
+    reason: list[str | None] | None = field(default=None)
+    controller: Controller | None = field(default=None)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # A controller that is read from a pickle is designed again, which takes longer than runs are worth.
+        return {**self.__dict__, "controller": None}
 
     def __len__(self) -> int:
         """Number of steps."""
@@ -121,7 +131,6 @@ class Run:
 
         return trajectories(self, **options)
 
-
     def _disturbed(self, plant: Plant) -> bool:
         shapes = [np.shape(values) for values in (self.x, self.u, self.final_state)]
         if shapes != [(len(self), plant.states), (len(self), plant.inputs), (plant.states,)]:
@@ -131,50 +140,68 @@ class Run:
         # A run without disturbance follows the model but for the rounding of one product.
         return bool(np.abs(after - x @ plant.A.T - u @ plant.B.T).max() > 1e-9 * (1.0 + np.abs(after).max()))
 
-    def report(self, design: Design, path: str | PathLike[str] | None = None) -> str:
-        """The report of the command: one HTML page with the guarantees and all plots, which needs no network.
+    def report(self, path: str | PathLike[str] | None = None, controller: Controller | None = None) -> str:
+        """The report of the command: one HTML page with the guarantees, the margins of their proofs and all plots.
+
+        It needs no network.
 
         Parameters
         ----------
-        design : Design
-            The design of the controller that ran.
         path : str or os.PathLike, optional
             Where to write it.
+        controller : Controller, optional
+            The controller that ran. A run of `simulate` knows it; one out of a pickle or put together by hand does not.
 
         Returns
         -------
         str
             The page.
         """
-        return self._drawn(design, None, path)
+        controller = self._controller(controller)
+        _is_path(path)
+        page = _mpct._report(self, controller, self._disturbed(controller.design.problem.plant))
+        if path is not None:
+            write_atomically(path, page.encode())
+        return page
 
-    def picture(self, design: Design, signals: Sequence[str] = (), path: str | PathLike[str] | None = None) -> str:
-        """Some states and inputs in one SVG file, as the command draws them.
+    def picture(
+        self,
+        path: str | PathLike[str] | None = None,
+        signals: Sequence[str] = (),
+        controller: Controller | None = None,
+    ) -> str:
+        """Some states and inputs in one picture, as the command draws them.
 
         Parameters
         ----------
-        design : Design
-            The design of the controller that ran.
+        path : str or os.PathLike, optional
+            Where to write it: as PNG when the name ends in ``.png``, as SVG when it ends in ``.svg`` or has no ending.
         signals : sequence of str, optional
             Names of states and inputs; the first four states and two inputs unless stated.
-        path : str or os.PathLike, optional
-            Where to write it.
+        controller : Controller, optional
+            The controller that ran, as in `report`.
 
         Returns
         -------
         str
-            The picture.
+            The picture as SVG.
         """
-        return self._drawn(design, listed(signals, "signals", "a list of names"), path)
+        controller = self._controller(controller)
+        _is_path(path)
+        svg, data = _mpct._picture(self, controller, listed(signals, "signals", "a list of names"), path)
+        if path is not None and data is not None:
+            write_atomically(path, data)
+        return svg
 
-    def _drawn(self, design: Design, signals: list[str] | None, path: str | PathLike[str] | None) -> str:
-        instance(design, Design, "design")
+    def _controller(self, controller: Controller | None) -> Controller:
         if len(self) == 0:
             raise argument("run", "a run of at least one step", "none")
-        text = _mpct._report(self, design, self._disturbed(design.problem.plant), signals)
-        if path is not None:
-            write_atomically(path, text.encode())
-        return text
+        if controller is None:
+            controller = self.controller
+        if controller is None:
+            raise argument("controller", "the controller that ran", "none, and the run does not know it")
+        instance(controller, Controller, "controller")
+        return controller
 
 
 Run.__module__ = "mpct"
@@ -182,6 +209,11 @@ Run.__module__ = "mpct"
 
 def from_arrays(arrays: Mapping[str, Any]) -> Run:
     return Run(**arrays)
+
+
+def _is_path(path: Any) -> None:
+    if path is not None and not isinstance(path, (str, PathLike)):
+        raise argument_type("path", "a path", repr(path)[:200])
 
 
 def _is_scheduled(item: Any) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,12 +13,13 @@ from ._errors import argument
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from numpy.typing import ArrayLike
 
-    from ._mpct import Design
+    from ._mpct import Design, Problem
     from ._results import Polygon
     from ._run import Run
 
-__all__ = ["polygon", "terminal_set", "trajectories"]
+__all__ = ["polygon", "sets", "terminal_set", "trajectories"]
 
 
 MOST = 8
@@ -143,6 +144,63 @@ def polygon(outline: Polygon, *, ax: Axes | None = None, **style: Any) -> Axes:
     ax.set_xlabel(ax.get_xlabel() or f"$x_{{{i + 1}}}$")
     ax.set_ylabel(ax.get_ylabel() or f"$x_{{{j + 1}}}$")
     ax.grid(True, alpha=0.3)
+    return ax
+
+
+def sets(
+    outlines: Mapping[str, Polygon],
+    problem: Problem | None = None,
+    *,
+    states: ArrayLike = (),
+    ax: Axes | None = None,
+    **style: Any,
+) -> Axes:
+    """Draws the outlines of several sets in the same two states, to compare them.
+
+    Parameters
+    ----------
+    outlines : dict of Polygon
+        The outlines, by the names that the legend has.
+    problem : Problem, optional
+        For the names of the states and their limits.
+    states : array_like, shape (k, n), optional
+        States that are marked.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; new axes unless stated.
+    **style
+        Of `matplotlib.axes.Axes.plot`.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
+    pairs = {tuple(outline.coordinates) for outline in outlines.values()}
+    if len(pairs) != 1:
+        raise argument("outlines", "outlines in the same two states", ", ".join(map(str, sorted(pairs))) or "none")
+    i, j = pairs.pop()
+    if ax is None:
+        ax = _pyplot().subplots()[1]
+    for k, (name, outline) in enumerate(outlines.items()):
+        # Sets that coincide are all seen: later lines are narrower and dashed.
+        line: dict[str, Any] = {"linewidth": max(1.2, 3.0 - 0.9 * k), "linestyle": ("-", "--", "-.", ":")[k % 4], **style}
+        closed = np.vstack([outline.vertices, outline.vertices[:1]])
+        ax.plot(closed[:, 0], closed[:, 1], label=name, **line)
+    marked = np.asarray(states, dtype=float)
+    if marked.size:
+        marked = np.atleast_2d(marked)
+        if marked.ndim != 2 or marked.shape[1] <= max(i, j):
+            raise argument("states", f"rows of more than {max(i, j)} numbers", f"an array of shape {marked.shape}")
+        ax.plot(marked[:, i], marked[:, j], "ko", label="state")
+    names, units = (problem.plant.state_names, problem.plant.state_units) if problem is not None else ([], [])
+    if problem is not None:
+        for draw, k in ((ax.axvline, i), (ax.axhline, j)):
+            for side in problem.state:
+                if np.isfinite(side[k]):
+                    draw(side[k], color="0.4", linewidth=0.8)
+    ax.set_xlabel(_label(names, units, "x", i))
+    ax.set_ylabel(_label(names, units, "x", j))
+    ax.grid(True, alpha=0.3)
+    ax.legend(loc="best", fontsize="small")
     return ax
 
 
