@@ -378,6 +378,26 @@ impl Controller {
         self.solver.tables()
     }
 
+    /// The same for plants of many subsystems: the tables of a [`BandedController`](mpct_runtime::banded::BandedController), which takes the
+    /// state and the set-point as [`Controller::runtime_tables`] says. `None` where the program is dense or has ellipsoids.
+    ///
+    /// ```
+    /// # use mpct::{cases, Controller, DesignOptions, SetPoint, TerminalIngredients};
+    /// use mpct::runtime::{banded::BandedController, Budget};
+    /// let ingredients = TerminalIngredients::design(&cases::carts(40)?.problem, &DesignOptions::default())?;
+    /// let mut desk = Controller::new(ingredients)?;
+    /// let tables = desk.runtime_banded_tables().ok_or("no banded tables")?;
+    /// let (numbers, indices) = (vec![0.0; tables.workspace_len()], vec![0; tables.index_len()]);
+    /// let mut target = BandedController::new(&tables, numbers, indices)?;
+    /// let (x, r) = (vec![0.1; 80], vec![0.0; 80 + 40]);
+    /// let u = target.step(&tables, &x, &r, Budget::unlimited())?.input.to_vec();
+    /// assert_eq!(u, desk.step(&x, &SetPoint::state(vec![0.0; 80]))?.input);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn runtime_banded_tables(&self) -> Option<mpct_runtime::banded::BandedTables<'_, f64>> {
+        self.solver.banded_tables()
+    }
+
     /// The cones of the program, in shifted coordinates.
     pub(crate) fn program_cones(&self) -> &[ProgramCone] {
         self.solver.cones()

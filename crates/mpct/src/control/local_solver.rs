@@ -119,6 +119,11 @@ impl LocalSolver {
         self.rows.len()
     }
 
+    /// The runtime's tables.
+    pub(crate) fn tables(&self) -> Option<runtime::banded::BandedTables<'_, f64>> {
+        self.tables.view().ok()
+    }
+
     /// Forgets the last solution.
     pub(crate) fn reset(&mut self) {
         if let Ok(view) = self.tables.view() {

@@ -170,6 +170,14 @@ impl Regime {
         }
     }
 
+    /// The banded tables of the runtime.
+    pub(crate) fn banded_tables(&self) -> Option<mpct_runtime::banded::BandedTables<'_, f64>> {
+        match self {
+            Self::Banded(s) => s.tables(),
+            Self::Dense(_) | Self::Conic(_) => None,
+        }
+    }
+
     /// Forgets the last solution.
     pub(crate) fn reset(&mut self) {
         match self {
