@@ -1,138 +1,23 @@
 //! The controller behind one door: `step(x, set_point) -> u`.
 
-use super::conic::ProgramCone;
 use super::online::Limits;
 use super::prediction::RowOrigin;
 use super::regime::Regime;
-use super::set_point::{Equilibria, SetPoint, weighted_square};
+use super::set_point::{Equilibria, SetPoint};
+use super::step::{CondensedCone, CondensedQp, Step, StepStatus};
 use super::terminal_cost::ExtraCost;
 use crate::analysis::ProgramRow;
 use crate::error::{DesignError, StepError};
-use crate::linalg::{self, Dense};
-use crate::matrix::Matrix;
-use crate::optimization::{Failure, PreparedQp, add_product};
+use crate::linalg::Dense;
+use crate::optimization::Failure;
 use crate::problem::{Formulation, Task};
 use crate::terminal::TerminalIngredients;
-use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
-/// Why a step returns the candidate.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-#[non_exhaustive]
-pub enum CandidateReason {
-    /// The iterations of [`Controller::set_limits`] were used up.
-    IterationLimit,
-    /// The time of [`Controller::set_limits`] was used up.
-    Deadline,
-    /// No solver gave an answer that passes the check.
-    SolverFailed,
-}
-
-impl fmt::Display for CandidateReason {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::IterationLimit => "iteration limit",
-            Self::Deadline => "deadline",
-            Self::SolverFailed => "solver failed",
-        })
-    }
-}
-
-impl From<mpct_runtime::Why> for CandidateReason {
-    fn from(why: mpct_runtime::Why) -> Self {
-        match why {
-            mpct_runtime::Why::IterationLimit => Self::IterationLimit,
-            mpct_runtime::Why::Deadline => Self::Deadline,
-            mpct_runtime::Why::SolverFailed => Self::SolverFailed,
-        }
-    }
-}
-
-/// How the input of a step was found. Printed and stored as "optimal" or "candidate", without the reason.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum StepStatus {
-    /// The optimum, checked.
-    Optimal,
-    /// The shifted candidate (32), or a better point on the way from it to the optimum. Feasible and cheaper than the last step when
-    /// [`Step::violation`] is rounding; otherwise the state has left the prediction.
-    Candidate(CandidateReason),
-}
-
-impl fmt::Display for StepStatus {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Optimal => "optimal",
-            Self::Candidate(_) => "candidate",
-        })
-    }
-}
-
-impl Serialize for StepStatus {
-    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        serializer.collect_str(self)
-    }
-}
-
-/// One step of the controller; everything in physical coordinates.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Step {
-    /// u, the input to apply, length m. Always in U: drawn towards the operating point if a candidate that violates its rows would leave it.
-    pub input: Vec<f64>,
-    /// x_s^a, length n.
-    pub artificial_state: Vec<f64>,
-    /// u_s^a, length m.
-    pub artificial_input: Vec<f64>,
-    /// The cost (10) of the prediction.
-    pub cost: f64,
-    /// The part of it that penalises the artificial set-point's distance from the set-point.
-    pub offset_cost: f64,
-    /// Whether the set-point is admissible. If not, the artificial set-point converges to the closest that is.
-    pub admissible: bool,
-    /// x_0, …, x_N.
-    pub predicted_states: Vec<Vec<f64>>,
-    /// u_0, …, u_{N−1}.
-    pub predicted_inputs: Vec<Vec<f64>>,
-    /// How the input was found.
-    pub status: StepStatus,
-    /// Largest violation of a row of the program by the prediction, where right-hand sides are 1 at the operating point:
-    /// rounding for an optimum. A candidate that violates more tells that the state has left the prediction.
-    pub violation: f64,
-    /// Iterations of the solver.
-    pub iterations: usize,
-    /// Time of the whole step.
-    pub elapsed: Duration,
-}
-
-/// The quadratic program of one step, for other solvers: min ½ zᵀHz + fᵀz subject to G z ≤ b, and to ‖T z + t‖ ≤ 1 for each
-/// cone.
-///
-/// z = (c_0, …, c_{N−1}, θ), and the first input is u = K x + L θ + c_0 in shifted coordinates.
-#[derive(Clone, Debug, PartialEq)]
-pub struct CondensedQp {
-    /// H, variables × variables.
-    pub hessian: Matrix,
-    /// f.
-    pub linear: Vec<f64>,
-    /// G, rows × variables.
-    pub rows: Matrix,
-    /// b.
-    pub bounds: Vec<f64>,
-    /// The second-order cones; none without ellipsoids.
-    pub cones: Vec<CondensedCone>,
-}
-
-/// ‖T z + t‖ ≤ 1 in a [`CondensedQp`].
-#[derive(Clone, Debug, PartialEq)]
-pub struct CondensedCone {
-    /// T, q × variables.
-    pub map: Matrix,
-    /// t, length q.
-    pub offset: Vec<f64>,
-}
+mod describe;
+mod program;
 
 /// A controller with its guarantees.
 ///
@@ -398,105 +283,6 @@ impl Controller {
         self.solver.banded_tables()
     }
 
-    /// The cones of the program, in shifted coordinates.
-    pub(crate) fn program_cones(&self) -> &[ProgramCone] {
-        self.solver.cones()
-    }
-
-    /// W and G of the program's rows W x + G z ≤ 1, in shifted coordinates.
-    pub(crate) fn program_rows(&self) -> (&Dense, &Dense) {
-        let program = self.solver.program();
-        (&program.state_rows, &program.rows)
-    }
-
-    /// H, F_x, F_r and the Hessian in the state: the cost is ½ zᵀHz + (F_x x + F_r r)ᵀz + ½ xᵀ H_x x + a constant of r.
-    pub(crate) fn program_cost(&self) -> (&Dense, &Dense, &Dense, &Dense) {
-        let p = self.solver.program();
-        (
-            &p.hessian,
-            &p.from_state,
-            &p.from_set_point,
-            self.state_hessian.get_or_init(|| {
-                linalg::dense(&self.ingredients.sparse_law().weight) * faer::Scale(2.0)
-            }),
-        )
-    }
-
-    /// The checked optimum at a state by another solver than the controller's own, without taking a step. `qp` holds the
-    /// program's H and G.
-    pub(crate) fn evaluate(
-        &self,
-        qp: &PreparedQp,
-        state: &[f64],
-        set_point: &SetPoint,
-    ) -> Result<Step, StepError> {
-        let (x, r) = self.shifted(state, set_point)?;
-        let z = self.optimum(qp, state, set_point)?;
-        Ok(self.describe(&x, &r, &z))
-    }
-
-    /// z of that optimum.
-    pub(crate) fn optimum(
-        &self,
-        qp: &PreparedQp,
-        state: &[f64],
-        set_point: &SetPoint,
-    ) -> Result<Vec<f64>, StepError> {
-        let (x, r) = self.shifted(state, set_point)?;
-        let (f, b) = self.solver.linear_and_bounds(&x, &r);
-        match qp.solve(&f, &b) {
-            Ok(solution) => Ok(solution.z),
-            Err(Failure::Infeasible(proof)) => Err(StepError::Infeasible {
-                gap: proof.gap,
-                radius: proof.radius,
-            }),
-            Err(Failure::Unsolved {
-                iterations,
-                residual,
-            }) => Err(StepError::IterationLimit {
-                iterations,
-                residual,
-            }),
-        }
-    }
-
-    /// What each of them comes from.
-    pub(crate) fn program_row_names(&self) -> Vec<ProgramRow> {
-        let problem = self.ingredients.problem();
-        let horizon = problem.prediction_horizon();
-        let source = &problem.rows().source;
-        let named = |row: usize, step| ProgramRow {
-            source: source[row],
-            step,
-        };
-        self.origin
-            .iter()
-            .map(|origin| match *origin {
-                RowOrigin::Stage { row, step } => named(row, Some(step)),
-                RowOrigin::Terminal { row, step } => named(row, Some(horizon + step)),
-                RowOrigin::Equilibrium { row } => named(row, None),
-            })
-            .collect()
-    }
-
-    /// What each of its cones comes from.
-    pub(crate) fn program_cone_names(&self) -> Vec<ProgramRow> {
-        let horizon = self.ingredients.problem().prediction_horizon();
-        let norms = self.ingredients.problem().norms();
-        let named = |k: usize, step| ProgramRow {
-            source: norms[k].source,
-            step,
-        };
-        self.cone_origin
-            .iter()
-            .map(|origin| match *origin {
-                RowOrigin::Stage { row, step } => named(row, Some(step)),
-                RowOrigin::Terminal { row, step } => named(row, Some(horizon + step)),
-                RowOrigin::Equilibrium { row } => named(row, None),
-            })
-            .collect()
-    }
-
     /// Checked and shifted state and set-point (state, input).
     fn shifted(
         &self,
@@ -568,84 +354,5 @@ impl Controller {
         };
         self.known = Some((set_point.clone(), admissible));
         admissible
-    }
-
-    /// Predictions and costs of z, from the plant itself.
-    fn describe(&self, x: &[f64], r: &[f64], z: &[f64]) -> Step {
-        let problem = self.ingredients.problem();
-        let plant = problem.plant();
-        let (n, m, horizon) = (plant.states(), plant.inputs(), problem.prediction_horizon());
-        let steady = self.ingredients.steady_states();
-        let (xs, us) = match problem.task() {
-            Task::Tracking => {
-                let theta = &z[horizon * m..];
-                (
-                    steady.state_basis().mul_vec(theta),
-                    steady.input_basis().mul_vec(theta),
-                )
-            }
-            Task::Regulation => (vec![0.0; n], vec![0.0; m]),
-        };
-        let at = plant.operating_point();
-        let minus =
-            |a: &[f64], b: &[f64]| -> Vec<f64> { a.iter().zip(b).map(|(a, b)| a - b).collect() };
-        let physical =
-            |v: &[f64], o: &[f64]| -> Vec<f64> { v.iter().zip(o).map(|(v, o)| v + o).collect() };
-        let gain = self.ingredients.gain();
-        let (mut states, mut inputs) =
-            (Vec::with_capacity(horizon + 1), Vec::with_capacity(horizon));
-        let (mut state, mut next, mut e) = (x.to_vec(), vec![0.0; n], minus(x, &xs));
-        let (mut du, mut u) = (vec![0.0; m], vec![0.0; m]);
-        let mut cost = 0.0;
-        for c in z.chunks_exact(m).take(horizon) {
-            for i in 0..m {
-                du[i] = c[i] + gain.row_dot(i, &e);
-                u[i] = du[i] + us[i];
-            }
-            cost += weighted_square(problem.state_weight(), &e)
-                + weighted_square(problem.input_weight(), &du);
-            for i in 0..n {
-                next[i] = plant.a().row_dot(i, &state) + plant.b().row_dot(i, &u);
-            }
-            states.push(physical(&state, &at.state));
-            inputs.push(physical(&u, &at.input));
-            std::mem::swap(&mut state, &mut next);
-            for ((e, x), s) in e.iter_mut().zip(&state).zip(&xs) {
-                *e = x - s;
-            }
-        }
-        states.push(physical(&state, &at.state));
-        cost += weighted_square(self.ingredients.terminal_weight(), &e);
-        if let Some(extra) = &self.extra {
-            for _ in 0..extra.steps {
-                next.fill(0.0);
-                add_product(&mut next, &self.ingredients.law().closed_loop, &e, 1.0);
-                std::mem::swap(&mut e, &mut next);
-            }
-            next.fill(0.0);
-            add_product(&mut next, &extra.weight, &e, 1.0);
-            cost += e.iter().zip(&next).map(|(a, b)| a * b).sum::<f64>();
-        }
-        let offset_cost = match problem.task() {
-            Task::Tracking => {
-                weighted_square(problem.offset_weight(), &minus(&xs, &r[..n]))
-                    + weighted_square(problem.offset_input_weight(), &minus(&us, &r[n..]))
-            }
-            Task::Regulation => 0.0,
-        };
-        Step {
-            input: inputs[0].clone(),
-            artificial_state: physical(&xs, &at.state),
-            artificial_input: physical(&us, &at.input),
-            cost: cost + offset_cost,
-            offset_cost,
-            admissible: false,
-            predicted_states: states,
-            predicted_inputs: inputs,
-            status: StepStatus::Optimal,
-            violation: 0.0,
-            iterations: 0,
-            elapsed: Duration::ZERO,
-        }
     }
 }

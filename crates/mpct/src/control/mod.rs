@@ -12,10 +12,12 @@ mod online;
 mod prediction;
 mod regime;
 mod set_point;
+mod step;
 mod terminal_cost;
 
-pub use controller::{CandidateReason, CondensedCone, CondensedQp, Controller, Step, StepStatus};
+pub use controller::Controller;
 pub use set_point::{AdmissibleSetPoint, SetPoint};
+pub use step::{CandidateReason, CondensedCone, CondensedQp, Step, StepStatus};
 pub use terminal_cost::ImplicitTerminalCost;
 
 pub(crate) use conic::ProgramCone;
