@@ -1,8 +1,8 @@
-//! Which row is violated most, without looking at most rows.
+//! Which row is violated, without looking at most rows.
 //!
 //! Rows are looked at in groups of neighbours. A group remembers the largest excess of its rows when it was last measured, and
 //! how far its rows can have moved since: at most ‖G D^(−1/2)‖ times the movement of D^(1/2) z inside of its window, and ‖V‖ times that of the
-//! state. A group is measured again only when that could make it the worst. What happens in one subsystem does not
+//! state. A group is measured again only when nothing else is known to be violated, and then only when one of its rows can be. What happens in one subsystem does not
 //! reach the groups of the far ones, and costs them nothing.
 
 use super::tables::BandedTables;
@@ -81,31 +81,43 @@ impl<T: Scalar> Parts<'_, T> {
         }
     }
 
-    /// The most violated row that is not active. `Err` when an excess is not a number.
+    /// A violated row that is not active: the most violated one of the group that was worst when it was last measured.
+    /// `Err` when an excess is not a number.
+    ///
+    /// What a change does far away is looked at last: a group is measured when it is the worst of those that are known to be
+    /// violated, and when none is, those that can be.
     pub fn price(&mut self, tables: &BandedTables<'_, T>) -> Result<Option<Violated<T>>, ()> {
-        // The group that could be the worst is measured first: most others cannot exceed it then.
-        let (mut worst, mut excess) = (None, T::ZERO);
-        for (group, (&known, &moved)) in self.known.iter().zip(self.moved.iter()).enumerate() {
-            let most = known + moved;
-            if !(most <= excess) {
-                (worst, excess) = (Some(group), most);
-            }
-        }
-        let Some(first) = worst else { return Ok(None) };
-        (worst, excess) = (None, T::ZERO);
-        let found = self.know(tables, first)?;
-        if found > excess {
-            (worst, excess) = (Some(first), found);
-        }
-        for group in 0..self.known.len() {
-            if !(self.known[group] + self.moved[group] <= excess) && group != first {
-                let found = self.know(tables, group)?;
-                if found > excess {
-                    (worst, excess) = (Some(group), found);
+        let worst = loop {
+            let (mut worst, mut excess) = (None, T::ZERO);
+            for (group, &known) in self.known.iter().enumerate() {
+                if !(known <= excess) {
+                    (worst, excess) = (Some(group), known);
                 }
             }
-        }
-        let Some(group) = worst else { return Ok(None) };
+            let Some(group) = worst else { break None };
+            let is_exact = self.moved[group] <= T::ZERO && excess < T::INFINITY;
+            if self.know(tables, group)? > T::ZERO && is_exact {
+                break Some(group);
+            }
+        };
+        let group = match worst {
+            Some(group) => group,
+            None => {
+                let (mut worst, mut excess) = (None, T::ZERO);
+                for group in 0..self.known.len() {
+                    if !(self.known[group] + self.moved[group] <= excess) {
+                        let found = self.know(tables, group)?;
+                        if found > excess {
+                            (worst, excess) = (Some(group), found);
+                        }
+                    }
+                }
+                match worst {
+                    Some(group) => group,
+                    None => return Ok(None),
+                }
+            }
+        };
         let pair = self.best[group] as usize;
         let (upper, lower) = self.beyond(tables, pair);
         let (side, by) = if upper >= lower {

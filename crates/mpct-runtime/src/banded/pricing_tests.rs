@@ -5,7 +5,7 @@ use super::super::workspace::divide;
 use crate::Scalar;
 
 #[test]
-fn the_most_violated_row_is_found() {
+fn a_violated_row_is_found_whenever_there_is_one() {
     let mut random = Lcg(9);
     let (mut found, mut none, mut spared) = (0, 0, 0);
     for trial in 0..12 {
@@ -54,7 +54,7 @@ fn the_most_violated_row_is_found() {
                     parts.moved_variables(from..to, t);
                 }
             }
-            let mut worst = 0.0;
+            let (mut worst, mut excesses) = (0.0, [f64::NEG_INFINITY; PAIRS]);
             for pair in (0..PAIRS).filter(|&p| parts.side[p] == 0) {
                 let value: f64 = (0..STATES)
                     .filter(|s| tables.data.rows_state.window(pair).contains(s))
@@ -75,6 +75,7 @@ fn the_most_violated_row_is_found() {
                 let bound = tables.data.upper[pair];
                 let excess =
                     (value - bound + centre.max(0.0)).max(-value - bound + (-centre).max(0.0));
+                excesses[pair] = excess;
                 worst = f64::max(worst, excess - f64::PRIMAL);
             }
             let answer = parts.price(&tables).unwrap();
@@ -93,7 +94,7 @@ fn the_most_violated_row_is_found() {
                     parts.centre.fill(0.0);
                     assert_eq!(parts.side[row.pair], 0);
                     assert!(
-                        (row.by - f64::PRIMAL - worst).abs() < 1e-12,
+                        row.by > f64::PRIMAL && (row.by - excesses[row.pair]).abs() < 1e-12,
                         "{row:?} {worst}"
                     );
                 }

@@ -8,7 +8,7 @@
 //! whatever W is: rows that depend on each other do no harm. The loop is:
 //!
 //! 1. *centre*: ȳ = y; solve on W; rows whose multiplier has the wrong sign leave, until none has;
-//! 2. *fill in*: the most violated row enters. Its multiplier grows until it reaches ρ times its violation; a row whose
+//! 2. *fill in*: a violated row enters. Its multiplier grows until it reaches ρ times its violation; a row whose
 //!    multiplier reaches zero on the way leaves. Repeat until no row is violated. The dual cost grows with every row: finite;
 //! 3. stop when the active rows hold with equality; else go to 1. Each round divides their residual by about 1 + ρσ, σ the smallest
 //!    eigenvalue of G_W H⁻¹G_Wᵀ.
