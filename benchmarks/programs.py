@@ -11,11 +11,21 @@ import problem_file
 from rivals import Condensed, Staged
 
 
+def matrix(value) -> np.ndarray:
+    """A matrix of `mpct design --json`: a list of rows, or for large ones shape and entries."""
+    if isinstance(value, list):
+        return np.array(value)
+    out = np.zeros(value["shape"])
+    rows, columns, values = zip(*value["entries"])
+    out[np.array(rows), np.array(columns)] = values
+    return out
+
+
 class Design:
     def __init__(self, p: problem_file.Problem, design: dict):
-        self.K, self.P = np.array(design["gain"]), np.array(design["terminal_weight"])
-        self.Mx = np.array(design["steady_state_basis"]["state"])
-        self.Mu = np.array(design["steady_state_basis"]["input"])
+        self.K, self.P = matrix(design["gain"]), matrix(design["terminal_weight"])
+        self.Mx = matrix(design["steady_state_basis"]["state"])
+        self.Mu = matrix(design["steady_state_basis"]["input"])
         self.L = self.Mu - self.K @ self.Mx
         spent = {s["row"]: s["step"] for s in design["spent_steps"]}
         self.spent = np.array([spent[name] for name in p.row_names])

@@ -66,10 +66,18 @@ pub fn step(
                 .iter()
                 .zip(&b)
                 .fold(v.scale, |m, (y, b)| m.max(y * b.abs().max(1.0)));
+            // Likewise the stationarity condition: its sum cannot be more exact than its terms.
+            let mut terms = vec![0.0_f64; case.nz];
+            for (y, row) in y.iter().zip(g.chunks_exact(case.nz)) {
+                for (t, g) in terms.iter_mut().zip(row) {
+                    *t += (y * g).abs();
+                }
+            }
+            let term = terms.iter().fold(v.scale, |m, &t| m.max(t));
             let worst = [
                 v.primal,
                 v.dual / v.scale,
-                v.stationarity / v.scale,
+                v.stationarity / term,
                 v.complementarity / pull,
                 v.gap / pull,
             ];
