@@ -15,8 +15,10 @@
 //! working set only, hence survive from one sampling instant to the next and a warm start costs no factorisation.
 
 use crate::dense::{all_finite, axpy, gemv_add, max_abs};
+use crate::gram::Gram;
 use crate::proof::proof_radius;
 use crate::tables::NO_ROW;
+use crate::walk::walk;
 use crate::{Budget, Scalar, Tables, Workspace};
 
 /// How a solve ended.
@@ -36,7 +38,7 @@ const STALLED: u32 = 30;
 const CORRECTIONS: u32 = 4;
 
 /// Why the inner moves end the solve.
-enum Stop<T> {
+pub(crate) enum Stop<T> {
     Budget(Outcome<T>),
     Trouble,
 }
@@ -49,7 +51,8 @@ pub(crate) fn load<T: Scalar>(
     r: &[T],
     fresh: bool,
 ) {
-    if fresh || ws.set_point != r {
+    ws.has_jumped = fresh || ws.set_point != r;
+    if ws.has_jumped {
         ws.set_point.copy_from_slice(r);
         ws.linear_set_point.fill(T::ZERO);
         let from = tables.found.linear_from[1];
@@ -98,7 +101,9 @@ pub(crate) fn solve<T: Scalar>(
             }
             ws.pricing.forget();
         }
-        match run(tables, ws, budget, iterations) {
+        // The second attempt goes by the rows alone.
+        let gram = if attempt == 0 { tables.gram } else { None };
+        match run(tables, gram, ws, budget, iterations) {
             Ok(outcome) | Err(Stop::Budget(outcome)) => return outcome,
             Err(Stop::Trouble) => {}
         }
@@ -111,6 +116,7 @@ pub(crate) fn solve<T: Scalar>(
 
 fn run<T: Scalar>(
     tables: &Tables<'_, T>,
+    gram: Option<Gram<'_, T>>,
     ws: &mut Workspace<'_, T>,
     budget: &mut Budget<'_>,
     iterations: &mut u32,
@@ -119,11 +125,31 @@ fn run<T: Scalar>(
     if budget.is_over() {
         return Err(Stop::Budget(Outcome::Deadline));
     }
+    // After a jump the working set will change: the products find the new one before `z` is touched. In a quiet loop the bounds of the
+    // pricing are cheaper still, as long as they rule most rows out.
+    let mut gram = gram;
+    if (ws.has_jumped || ws.pricing.knows_nothing())
+        && let Some(gram) = gram.take()
+        && let Some(outcome) = walk_and_settle(tables, &gram, ws, budget, iterations)?
+    {
+        return Ok(outcome);
+    }
     settle(tables, ws, budget, iterations)?;
     loop {
-        let priced = ws.pricing.price(tables, ws.z, ws.factor.index());
+        let priced = ws
+            .pricing
+            .price(tables, ws.z, ws.factor.index(), gram.is_some());
         if priced.broken {
             return Err(Stop::Trouble);
+        }
+        if priced.worst.is_some() || priced.is_spared {
+            is_settled = false;
+            if let Some(gram) = gram.take() {
+                match walk_and_settle(tables, &gram, ws, budget, iterations)? {
+                    Some(outcome) => return Ok(outcome),
+                    None => continue,
+                }
+            }
         }
         let Some((row, q)) = priced.worst else {
             // Refine after changes. Where the arithmetic cannot meet the tolerances every settling moves `z` a little.
@@ -132,14 +158,9 @@ fn run<T: Scalar>(
                 is_settled = !settle(tables, ws, budget, iterations)?;
                 continue;
             }
-            let mut violation = priced.violation;
-            for i in 0..ws.factor.len() {
-                let row = ws.factor.index()[i] as usize;
-                violation = violation.max(ws.half[i] / tables.scale[row]);
-            }
-            return Ok(Outcome::Optimal { violation });
+            return Ok(optimal(tables, ws, priced.violation));
         };
-        (is_settled, settlings) = (false, 0);
+        settlings = 0;
         match add(tables, ws, row, q, budget, iterations)? {
             Added::Entered { gain } => {
                 // The lower bound must grow; when it does not for long, rounding is running in circles.
@@ -161,6 +182,30 @@ fn run<T: Scalar>(
             Added::Undecided => return Err(Stop::Trouble),
         }
     }
+}
+
+/// Finds the working set by the products of rows, and `z` with it. The outcome, when no row needs to be looked at any more.
+fn walk_and_settle<T: Scalar>(
+    tables: &Tables<'_, T>,
+    gram: &Gram<'_, T>,
+    ws: &mut Workspace<'_, T>,
+    budget: &mut Budget<'_>,
+    iterations: &mut u32,
+) -> Result<Option<Outcome<T>>, Stop<T>> {
+    let vouched = walk(tables, gram, ws, budget, iterations)?;
+    let has_moved = settle(tables, ws, budget, iterations)?;
+    Ok(vouched
+        .filter(|_| !has_moved)
+        .map(|vouched| optimal(tables, ws, vouched.violation)))
+}
+
+/// The optimum, whose largest violation outside the working set is known. Settling left the residuals of the working set in `half`.
+fn optimal<T: Scalar>(tables: &Tables<'_, T>, ws: &Workspace<'_, T>, outside: T) -> Outcome<T> {
+    let mut violation = outside;
+    for (&row, &q) in ws.factor.index().iter().zip(ws.half.iter()) {
+        violation = violation.max(q / tables.scale[row as usize]);
+    }
+    Outcome::Optimal { violation }
 }
 
 /// `gradient = H z + f`, `rho = H z + f + G_Wᵀ λ`. Returns `‖rho‖_∞` over the size of its terms, the larger of the `c` part and the
@@ -371,7 +416,7 @@ fn prove<T: Scalar>(tables: &Tables<'_, T>, ws: &mut Workspace<'_, T>, j: usize)
 }
 
 /// The row at position `i` leaves; its multiplier goes with it.
-fn drop_row<T: Scalar>(tables: &Tables<'_, T>, ws: &mut Workspace<'_, T>, i: usize) {
+pub(crate) fn drop_row<T: Scalar>(tables: &Tables<'_, T>, ws: &mut Workspace<'_, T>, i: usize) {
     let k = ws.factor.len();
     ws.pricing.show(tables, ws.factor.index()[i] as usize);
     ws.factor.remove(i);
@@ -379,7 +424,7 @@ fn drop_row<T: Scalar>(tables: &Tables<'_, T>, ws: &mut Workspace<'_, T>, i: usi
 }
 
 /// One iteration of the budget.
-fn spend<T>(budget: &mut Budget<'_>, iterations: &mut u32) -> Result<(), Stop<T>> {
+pub(crate) fn spend<T>(budget: &mut Budget<'_>, iterations: &mut u32) -> Result<(), Stop<T>> {
     if *iterations >= budget.iterations {
         return Err(Stop::Budget(Outcome::IterationLimit));
     }

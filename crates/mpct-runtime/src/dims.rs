@@ -46,6 +46,12 @@ impl Dims {
             + self.inputs * (self.states + self.inputs + self.input_rows)
     }
 
+    /// Numbers of the products of rows, `units (1 + n + nz + m + units)`, which may follow the tables: see
+    /// [`prepare_gram`](crate::prepare_gram). Opposite rows count once: `rows/2` units for symmetric bounds.
+    pub const fn gram_len(&self, units: usize) -> usize {
+        units * (1 + self.states + self.variables() + self.inputs + units)
+    }
+
     /// Groups of 16 rows whose bounds of movement are looked at together.
     pub const fn row_blocks(&self) -> usize {
         self.rows.div_ceil(ROW_BLOCK)

@@ -171,6 +171,20 @@ impl<'a, T: Scalar> Factor<'a, T> {
         Projection { length, outside }
     }
 
+    /// The same from products: `half` holds `M_W m` and becomes `L⁻¹ M_W m`; `length` is `|m|²`. Writes `a` and returns
+    /// the part outside, which cancellation spoils when it is small beside `length`.
+    pub fn project_products(&self, length: T, half: &mut [T], a: &mut [T]) -> T {
+        let k = self.len;
+        self.forward(&mut half[..k]);
+        let mut outside = length;
+        for i in 0..k {
+            a[i] = half[i] / self.diagonal[i];
+            outside -= half[i] * a[i];
+        }
+        self.backward(&mut a[..k]);
+        outside
+    }
+
     /// Adds row number `index` with image `m`; `half` and `outside` come from [`Factor::project`].
     /// Without effect when the working set is full, which independent rows cannot exceed.
     pub fn append(&mut self, index: u32, m: &[T], half: &[T], outside: T) -> bool {

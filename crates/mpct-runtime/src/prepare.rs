@@ -2,6 +2,7 @@
 
 use crate::dense::{dot, upper_transpose_mul};
 use crate::dims::ROW_BLOCK;
+use crate::gram::prepare_gram;
 use crate::{Dims, Scalar, TableError, Tables};
 
 /// The matrices of one controller, all row-major. See [`Tables`] for an example.
@@ -106,7 +107,8 @@ pub fn prepare<'t, T: Scalar>(
 
 /// Copies tables into another number type, say from the desk's `f64` to the target's `f32`.
 ///
-/// Better than [`prepare`] in `f32`: the factorisation keeps the accuracy of the source.
+/// Better than [`prepare`] in `f32`: the factorisation keeps the accuracy of the source. Products of rows
+/// ([`prepare_gram`]) that follow the tables are computed anew.
 /// Errors: a wrong length, a number that does not fit.
 ///
 /// ```
@@ -126,8 +128,11 @@ pub fn cast_tables<'t, T: Scalar, U: Scalar>(
     to: &'t mut [U],
 ) -> Result<Tables<'t, U>, TableError> {
     dims.check()?;
-    expect("tables", dims.tables_len(), from.len())?;
-    expect("tables", dims.tables_len(), to.len())?;
+    if from.len() < dims.tables_len() {
+        expect("tables", dims.tables_len(), from.len())?;
+    }
+    expect("tables", from.len(), to.len())?;
+    let (to, products) = to.split_at_mut(dims.tables_len());
     for (target, source) in to.iter_mut().zip(from) {
         *target = U::from_f64(source.to_f64());
     }
@@ -147,7 +152,13 @@ pub fn cast_tables<'t, T: Scalar, U: Scalar>(
     for (reach, blocks) in vectors[rows..].chunks_exact(rows.max(1)).zip(parts) {
         block_maxima(reach, blocks);
     }
-    Tables::from_slice(dims, to)
+    let tables = Tables::from_slice(dims, to)?;
+    if products.is_empty() {
+        return Ok(tables);
+    }
+    // Products of the rounded rows, not rounded products.
+    prepare_gram(&tables, products)?;
+    tables.with_gram(products)
 }
 
 fn expect(what: &'static str, expected: usize, found: usize) -> Result<(), TableError> {

@@ -49,9 +49,19 @@ pub(crate) struct Priced<T> {
     best: T,
     /// A row gave NaN or ∞.
     pub broken: bool,
+    /// Nothing was looked at.
+    pub is_spared: bool,
 }
 
 impl<T: Scalar> Priced<T> {
+    const NOTHING: Self = Self {
+        worst: None,
+        violation: T::ZERO,
+        best: T::ZERO,
+        broken: false,
+        is_spared: false,
+    };
+
     /// Takes note of residual `q` of row `row`, and of its opposite `−q − 2 s` when it is the first of a pair. Returns the larger one.
     #[inline(always)]
     fn weigh(&mut self, row: usize, mut q: T, scale: T, is_pair: bool) -> T {
@@ -163,6 +173,44 @@ impl<'a, T: Scalar> Pricing<'a, T> {
         bound
     }
 
+    /// Memory for the residuals of all units. It is that of the `bᵢ(x)`, which a walk does not need.
+    #[inline(always)]
+    pub fn residuals(&mut self, units: usize) -> &mut [T] {
+        &mut self.bound[..units]
+    }
+
+    /// Renews every bound from the residuals a walk has left for `z`, which are right within `error` in units of right-hand sides.
+    pub fn know(
+        &mut self,
+        tables: &Tables<'_, T>,
+        scale: &[T],
+        error: T,
+        z: &[T],
+        working: &[u32],
+    ) {
+        let pairs = tables.found.pairs;
+        self.z.copy_from_slice(z);
+        (self.path, self.forget) = ([T::ZERO; 3], false);
+        let (of_pairs, of_singles) = self.key.split_at_mut(2 * pairs);
+        let centred = self.bound.iter().zip(scale);
+        for (key, (d, &s)) in of_pairs.chunks_exact_mut(2).zip(centred.clone()) {
+            // The second of a pair is never asked; it must not stand in the way of the smallest key of its group.
+            key.copy_from_slice(&[s - d.abs() - error * s, T::INFINITY]);
+        }
+        for (key, (&d, &s)) in of_singles.iter_mut().zip(centred.skip(pairs)) {
+            *key = s - d - error * s;
+        }
+        for &row in working {
+            self.hide(tables, row as usize);
+        }
+        let blocks = self.block_key.iter_mut().zip(self.key.chunks(ROW_BLOCK));
+        for (least, keys) in blocks {
+            *least = keys
+                .iter()
+                .fold(T::INFINITY, |a, &k| if k < a { k } else { a });
+        }
+    }
+
     /// `Gᵢz − bᵢ(x)`, scaled.
     #[inline(always)]
     pub fn residual(&mut self, tables: &Tables<'_, T>, row: usize, z: &[T]) -> T {
@@ -190,19 +238,32 @@ impl<'a, T: Scalar> Pricing<'a, T> {
         self.block_key[row / ROW_BLOCK] = -T::INFINITY;
     }
 
-    /// A violated row at `(x, z)` outside `working`: the worst of those listed, or of all. None only when there is none.
-    pub fn price(&mut self, tables: &Tables<'_, T>, z: &[T], working: &[u32]) -> Priced<T> {
+    /// Whether every row would have to be looked at.
+    pub fn knows_nothing(&self) -> bool {
+        self.forget
+    }
+
+    /// A violated row at `(x, z)` outside `working`: the worst of those listed, or of all. None only when there is none, or with
+    /// `spares` when more than a quarter of the groups would have to be looked into.
+    pub fn price(
+        &mut self,
+        tables: &Tables<'_, T>,
+        z: &[T],
+        working: &[u32],
+        spares: bool,
+    ) -> Priced<T> {
         self.travel(tables, z, working);
+        if spares && self.is_long(tables) {
+            return Priced {
+                is_spared: true,
+                ..Priced::NOTHING
+            };
+        }
         self.pricings += 1;
         if self.pricings == 2 {
             self.bound.fill(T::NAN);
         }
-        let mut found = Priced {
-            worst: None,
-            violation: T::ZERO,
-            best: T::ZERO,
-            broken: false,
-        };
+        let mut found = Priced::NOTHING;
         let listed = self.list.len;
         self.list.len = 0;
         for i in 0..listed {
@@ -223,6 +284,15 @@ impl<'a, T: Scalar> Pricing<'a, T> {
             }
         }
         found
+    }
+
+    /// Whether more than a quarter of the groups must be looked into.
+    fn is_long(&self, tables: &Tables<'_, T>) -> bool {
+        let mut open = 0;
+        for (block, &key) in self.block_key.iter().enumerate() {
+            open += usize::from(reached(&tables.block_reach, block, self.path) > key);
+        }
+        4 * open > self.block_key.len()
     }
 
     /// Prices a group of rows. Returns the largest of their bounds.

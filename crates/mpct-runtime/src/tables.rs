@@ -16,6 +16,7 @@
 
 use crate::dense::{all_finite, axpy, dot, gemv_add, max_abs};
 use crate::dims::ROW_BLOCK;
+use crate::gram::{self, Gram};
 use crate::{Dims, Scalar};
 
 /// The constant data of one controller, borrowed. See the module text for the formulas.
@@ -76,6 +77,8 @@ pub struct Tables<'a, T> {
     pub(crate) input_rows: &'a [T],
     /// Row index one stage earlier, or [`NO_ROW`].
     pub(crate) shift: Option<&'a [u32]>,
+    /// Products of rows, when the slice had them.
+    pub(crate) gram: Option<Gram<'a, T>>,
 }
 
 /// What reading the entries of tables found.
@@ -91,6 +94,8 @@ pub(crate) struct Found<T> {
     pub linear_from: [usize; 2],
     /// Rows `2 k` and `2 k + 1` are opposite for every `k` below this.
     pub pairs: usize,
+    /// Error of residuals computed with the products of rows, see `gram.rs`.
+    pub gram_error: T,
 }
 
 /// What a check of tables found; see [`Tables::stamp`].
@@ -193,6 +198,17 @@ impl core::fmt::Display for TableError {
 
 impl core::error::Error for TableError {}
 
+/// The tables, and what follows them.
+fn divide<T>(dims: Dims, slice: &[T]) -> Result<(&[T], &[T]), TableError> {
+    slice
+        .split_at_checked(dims.tables_len())
+        .ok_or(TableError::Length {
+            what: "tables",
+            expected: dims.tables_len(),
+            found: slice.len(),
+        })
+}
+
 impl<'a, T: Scalar> Tables<'a, T> {
     /// Divides a slice of the right length.
     fn lay_out(dims: Dims, slice: &'a [T]) -> Self {
@@ -230,11 +246,13 @@ impl<'a, T: Scalar> Tables<'a, T> {
                 block: nz,
                 linear_from: [0; 2],
                 pairs: 0,
+                gram_error: T::INFINITY,
             },
             gain: take(m * n),
             feedforward: take(m * m),
             input_rows: take(dims.input_rows * m),
             shift: None,
+            gram: None,
         }
     }
 
@@ -243,15 +261,14 @@ impl<'a, T: Scalar> Tables<'a, T> {
     ///
     /// Errors: the length.
     pub fn reopen(stamp: TablesStamp<T>, slice: &'a [T]) -> Result<Self, TableError> {
-        if slice.len() != stamp.dims.tables_len() {
-            return Err(TableError::Length {
-                what: "tables",
-                expected: stamp.dims.tables_len(),
-                found: slice.len(),
-            });
-        }
-        let mut tables = Self::lay_out(stamp.dims, slice);
+        let (head, products) = divide(stamp.dims, slice)?;
+        let mut tables = Self::lay_out(stamp.dims, head);
         tables.found = stamp.found;
+        tables.gram = tables.lay_out_gram(products)?;
+        // Unchecked products are worth nothing.
+        if !stamp.found.gram_error.is_finite() {
+            tables.gram = None;
+        }
         Ok(tables)
     }
 
@@ -263,26 +280,21 @@ impl<'a, T: Scalar> Tables<'a, T> {
         }
     }
 
-    /// Reads tables of length [`Dims::tables_len`], as written by [`prepare`](crate::prepare).
+    /// Reads tables of length [`Dims::tables_len`], as written by [`prepare`](crate::prepare). They may be followed by the products of
+    /// [`prepare_gram`](crate::prepare_gram), which are checked against the rows and make steps faster.
     ///
     /// Costs one pass over the rows, once. Errors: length, an entry that is not finite, damaged rows.
     /// Example: see [`Tables`].
     pub fn from_slice(dims: Dims, slice: &'a [T]) -> Result<Self, TableError> {
         dims.check()?;
-        if slice.len() != dims.tables_len() {
-            return Err(TableError::Length {
-                what: "tables",
-                expected: dims.tables_len(),
-                found: slice.len(),
-            });
-        }
+        let (head, products) = divide(dims, slice)?;
         if let Some(index) = slice.iter().position(|v| !v.is_finite()) {
             return Err(TableError::NotFinite {
                 what: "tables",
                 index,
             });
         }
-        let mut tables = Self::lay_out(dims, slice);
+        let mut tables = Self::lay_out(dims, head);
         let (nz, m, rows) = (dims.variables(), dims.inputs, dims.rows);
         let (of_c, of_theta) = tables.hessian.split_at((nz - m) * nz);
         tables.found.hessian_max = [max_abs(of_c), max_abs(of_theta)];
@@ -319,7 +331,49 @@ impl<'a, T: Scalar> Tables<'a, T> {
         tables.found.pairs = (0..rows / 2)
             .position(|k| !tables.is_pair(2 * k))
             .unwrap_or(rows / 2);
-        Ok(tables)
+        if products.is_empty() {
+            Ok(tables)
+        } else {
+            tables.with_gram(products)
+        }
+    }
+
+    /// The same tables with the products of their rows, checked.
+    pub(crate) fn with_gram(mut self, products: &'a [T]) -> Result<Self, TableError> {
+        self.gram = self.lay_out_gram(products)?;
+        if let Some(gram) = &self.gram {
+            self.found.gram_error = gram::check(&self, gram)?;
+        }
+        Ok(self)
+    }
+
+    fn lay_out_gram(&self, products: &'a [T]) -> Result<Option<Gram<'a, T>>, TableError> {
+        if products.is_empty() {
+            return Ok(None);
+        }
+        if products.len() != self.gram_len() {
+            return Err(TableError::Length {
+                what: "products of rows after the tables",
+                expected: self.gram_len(),
+                found: products.len(),
+            });
+        }
+        Ok(Some(Gram::lay_out(self.dims, self.units(), products)))
+    }
+
+    /// Rows of which opposite ones, when they stand together, count once.
+    pub(crate) fn units(&self) -> usize {
+        self.dims.rows - self.found.pairs
+    }
+
+    /// Length of the products of rows that [`prepare_gram`](crate::prepare_gram) writes for these tables.
+    pub fn gram_len(&self) -> usize {
+        self.dims.gram_len(self.units())
+    }
+
+    /// Whether the slice had products of rows after the tables.
+    pub fn has_gram(&self) -> bool {
+        self.gram.is_some()
     }
 
     /// The same tables with a shift map (length `rows`): entry `i` is the row that says one stage earlier what row `i` says,
@@ -390,6 +444,12 @@ impl<'a, T: Scalar> Tables<'a, T> {
         self.scale[row] == self.scale[row + 1]
             && opposite(self.g_row(row), self.g_row(row + 1))
             && opposite(self.w_row(row), self.w_row(row + 1))
+    }
+
+    /// Entry `(k, j)` of `R⁻¹`, `k ≤ j`.
+    pub(crate) fn root_inverse_entry(&self, k: usize, j: usize) -> T {
+        let nz = self.dims.variables();
+        self.root_inverse[k * nz - k * k.saturating_sub(1) / 2 + j - k]
     }
 
     /// `y += H x`.

@@ -43,6 +43,8 @@ pub struct Workspace<'a, T> {
     /// `‖H z + f + G_Wᵀλ‖_∞` over the size of its terms, from the last settling.
     pub(crate) stationarity: T,
     pub(crate) set_point: &'a mut [T],
+    /// The set-point is another one than at the last step, or there was none.
+    pub(crate) has_jumped: bool,
     pub(crate) x: &'a mut [T],
     pub(crate) input: &'a mut [T],
     /// Multiplier of the last row of a proof of infeasibility; the others are in `a`, the row numbers in `proof_rows`.
@@ -122,6 +124,7 @@ impl<'a, T: Scalar> Workspace<'a, T> {
             gradient: take(nz),
             stationarity: T::INFINITY,
             set_point: take(dims.set_point),
+            has_jumped: true,
             x: take(dims.states),
             input: take(dims.inputs),
             proof_rows,

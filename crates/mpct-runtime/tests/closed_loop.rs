@@ -2,15 +2,19 @@
 
 mod common;
 
-use common::{Lcg, Problem, academic, full};
+use common::{Lcg, Problem, academic, full, tables_of};
 use mpct_runtime::{
-    Budget, Controller, StepError, StepStatus, WarmStart, Why, Workspace, cast_tables, prepare,
+    Budget, Controller, StepError, StepStatus, Tables, WarmStart, Why, Workspace, cast_tables,
 };
 
-fn with_controller<R>(problem: &Problem, run: impl FnOnce(&mut Controller<'_, f64>) -> R) -> R {
+fn with_controller<R>(
+    problem: &Problem,
+    with_gram: bool,
+    run: impl FnOnce(&mut Controller<'_, f64>) -> R,
+) -> R {
     let dims = problem.dims;
-    let (mut buffer, mut scratch) = (vec![0.0; dims.tables_len()], vec![0.0; dims.prepare_len()]);
-    let tables = prepare(&problem.data(), &mut buffer, &mut scratch)
+    let buffer = tables_of(problem, with_gram);
+    let tables = Tables::from_slice(dims, &buffer)
         .unwrap()
         .with_shift(&problem.shift)
         .unwrap();
@@ -50,8 +54,9 @@ fn checked(
 fn goes_to_the_set_point_with_every_warm_start() {
     let problem = academic();
     let r = [1.0, -0.5, 0.0, 1.0];
-    for warm in [WarmStart::Keep, WarmStart::Shift, WarmStart::Cold] {
-        with_controller(&problem, |c| {
+    let starts = [WarmStart::Keep, WarmStart::Shift, WarmStart::Cold];
+    for (warm, with_gram) in starts.into_iter().flat_map(|w| [(w, false), (w, true)]) {
+        with_controller(&problem, with_gram, |c| {
             c.set_warm_start(warm);
             let mut x = vec![-2.5, 0.5];
             for _ in 0..200 {
@@ -71,7 +76,7 @@ fn goes_to_the_set_point_with_every_warm_start() {
 fn the_candidate_is_feasible_and_costs_less() {
     let problem = academic();
     let r = [2.0, 0.0, 0.0, 0.0];
-    with_controller(&problem, |c| {
+    with_controller(&problem, true, |c| {
         let mut x = vec![-2.0, -0.3];
         let (u, _) = checked(&problem, c, &x, &r);
         x = problem.next(&x, &u);
@@ -97,7 +102,7 @@ fn more_budget_never_costs_more_at_the_same_state() {
     let (x, r) = ([-2.9, 0.9], [2.9, 0.0, 0.0, 0.0]);
     let mut last = f64::INFINITY;
     for iterations in 0..30 {
-        with_controller(&problem, |c| {
+        with_controller(&problem, true, |c| {
             // A plan made for another set-point; then everything changes.
             let first = c
                 .step(&[-2.9, 0.9], &[-2.9, 0.0, 0.0, 0.0], Budget::unlimited())
@@ -119,7 +124,7 @@ fn more_budget_never_costs_more_at_the_same_state() {
 fn bad_steps_poison_nothing() {
     let problem = academic();
     let r = [1.0, 0.0, 0.0, 0.0];
-    with_controller(&problem, |c| {
+    with_controller(&problem, true, |c| {
         let x = [0.5, 0.2];
         let (u, cost) = checked(&problem, c, &x, &r);
         for (bad_x, bad_r) in [
@@ -164,11 +169,17 @@ fn bad_steps_poison_nothing() {
 }
 
 /// Two loops, `f64` and `f32`, each on its own state, until they differ by more than allowed.
-fn compare_precisions(problem: &Problem, seed: u64, period: usize, spread: &[f64], limits: &[f64]) {
+fn compare_precisions(
+    problem: &Problem,
+    with_gram: bool,
+    seed: u64,
+    period: usize,
+    spread: &[f64],
+    limits: &[f64],
+) {
     let dims = problem.dims;
-    let (mut buffer, mut scratch) = (vec![0.0; dims.tables_len()], vec![0.0; dims.prepare_len()]);
-    prepare(&problem.data(), &mut buffer, &mut scratch).unwrap();
-    let mut single = vec![0.0_f32; dims.tables_len()];
+    let buffer = tables_of(problem, with_gram);
+    let mut single = vec![0.0_f32; buffer.len()];
     let tables = cast_tables(dims, &buffer, &mut single).unwrap();
     let (mut numbers, mut indices) = (
         vec![0.0_f32; dims.workspace_len()],
@@ -179,7 +190,7 @@ fn compare_precisions(problem: &Problem, seed: u64, period: usize, spread: &[f64
         Workspace::new(dims, &mut numbers, &mut indices).unwrap(),
     )
     .unwrap();
-    with_controller(problem, |c| {
+    with_controller(problem, with_gram, |c| {
         let mut random = Lcg(seed);
         let u_max = &problem.plant.u_max;
         let (mut x, mut x32) = (vec![0.0; dims.states], vec![0.0; dims.states]);
@@ -221,7 +232,9 @@ fn compare_precisions(problem: &Problem, seed: u64, period: usize, spread: &[f64
 #[test]
 fn single_precision_follows_double_precision() {
     for seed in [11, 100, 101] {
-        compare_precisions(&academic(), seed, 40, &[3.5, 0.5], &[1e-3; 2]);
+        for with_gram in [false, true] {
+            compare_precisions(&academic(), with_gram, seed, 40, &[3.5, 0.5], &[1e-3; 2]);
+        }
     }
 }
 
@@ -234,15 +247,15 @@ fn single_precision_flies_the_drone() {
     let spread = [3.5, 3.5, 3.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.9];
     let limits: Vec<f64> = problem.plant.x_max.iter().map(|v| 1e-3 * v).collect();
     for seed in [11, 100, 105, 106] {
-        compare_precisions(&problem, seed, 150, &spread, &limits);
+        compare_precisions(&problem, false, seed, 150, &spread, &limits);
     }
 }
 
 #[test]
 fn the_same_inputs_give_the_same_bits() {
     let problem = common::drone(12);
-    let run = || {
-        with_controller(&problem, |c| {
+    let run = |with_gram| {
+        with_controller(&problem, with_gram, |c| {
             let (mut x, mut r) = (vec![0.0; 12], vec![0.0; 16]);
             (r[0], r[1], r[8]) = (1.0, -2.0, 0.5);
             let mut bits = Vec::new();
@@ -254,16 +267,16 @@ fn the_same_inputs_give_the_same_bits() {
             bits
         })
     };
-    assert_eq!(run(), run());
+    assert_eq!(run(false), run(false));
+    assert_eq!(run(true), run(true));
 }
 
 /// FNV-1a of the inputs of 300 steps of the academic plant in `f32`, set-points that jump.
-fn fingerprint() -> u64 {
+fn fingerprint(with_gram: bool) -> u64 {
     let problem = academic();
     let dims = problem.dims;
-    let (mut buffer, mut scratch) = (vec![0.0; dims.tables_len()], vec![0.0; dims.prepare_len()]);
-    prepare(&problem.data(), &mut buffer, &mut scratch).unwrap();
-    let mut single = vec![0.0_f32; dims.tables_len()];
+    let buffer = tables_of(&problem, with_gram);
+    let mut single = vec![0.0_f32; buffer.len()];
     let tables = cast_tables(dims, &buffer, &mut single).unwrap();
     let (mut numbers, mut indices) = (
         vec![0.0_f32; dims.workspace_len()],
@@ -300,13 +313,14 @@ fn fingerprint() -> u64 {
 /// of an operation: then it is to be stored anew.
 #[test]
 fn inputs_in_single_precision_have_the_stored_bits() {
-    assert_eq!(fingerprint(), 12_867_970_574_866_688_728);
+    assert_eq!(fingerprint(false), 12_867_970_574_866_688_728);
+    assert_eq!(fingerprint(true), 3_555_481_775_015_973_940);
 }
 
 /// Random states inside, on the border, outside; random set-points, budgets, faults.
-fn soak(steps: u32) {
+fn soak(steps: u32, with_gram: bool) {
     let problem = academic();
-    with_controller(&problem, |c| {
+    with_controller(&problem, with_gram, |c| {
         let mut random = Lcg(99);
         let (mut x, mut r) = (vec![0.0, 0.0], [0.0; 4]);
         let (mut optimal, mut candidates, mut infeasible, mut none) = (0, 0, 0, 0);
@@ -408,11 +422,13 @@ fn soak(steps: u32) {
 
 #[test]
 fn soak_of_a_hundred_thousand_steps() {
-    soak(100_000);
+    soak(100_000, false);
+    soak(100_000, true);
 }
 
 #[test]
 #[ignore = "slow: ten times the soak above"]
 fn soak_of_a_million_steps() {
-    soak(1_000_000);
+    soak(1_000_000, false);
+    soak(1_000_000, true);
 }

@@ -8,8 +8,8 @@ use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
     DefaultSettingsBuilder, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus,
 };
-use common::{Lcg, Mat, Problem, full};
-use mpct_runtime::{Budget, Controller, Dims, StepError, StepStatus, Workspace, prepare};
+use common::{Lcg, Mat, Problem, full, tables_of};
+use mpct_runtime::{Budget, Controller, Dims, StepError, StepStatus, Tables, Workspace};
 
 struct Qp {
     nz: usize,
@@ -130,12 +130,18 @@ enum Answer {
     Infeasible,
 }
 
-/// Solves, and checks whatever is claimed.
+/// Solves by the rows alone and with their products, and checks whatever is claimed.
 fn check(qp: &Qp, claim: &[u32], against_reference: bool) -> Answer {
+    let answer = check_one(qp, claim, against_reference, false);
+    assert_eq!(check_one(qp, claim, false, true), answer);
+    answer
+}
+
+fn check_one(qp: &Qp, claim: &[u32], against_reference: bool, with_gram: bool) -> Answer {
     let problem = qp.problem();
     let dims = problem.dims;
-    let (mut buffer, mut scratch) = (vec![0.0; dims.tables_len()], vec![0.0; dims.prepare_len()]);
-    let tables = prepare(&problem.data(), &mut buffer, &mut scratch).unwrap();
+    let buffer = tables_of(&problem, with_gram);
+    let tables = Tables::from_slice(dims, &buffer).unwrap();
     let (mut numbers, mut indices) = (
         vec![f64::NAN; dims.workspace_len()],
         vec![u32::MAX; dims.index_len()],
@@ -303,6 +309,11 @@ fn many_rows_through_one_vertex() {
 /// What `f32` claims about problems of `f64`: never a false proof, and an optimum is feasible. It may give up.
 #[test]
 fn single_precision_claims_nothing_wrong() {
+    single_precision(false);
+    single_precision(true);
+}
+
+fn single_precision(with_gram: bool) {
     let mut random = Lcg(7);
     let (mut optimal, mut gave_up, mut infeasible, mut worst) = (0, 0, 0, 0.0_f64);
     for round in 0..600 {
@@ -319,10 +330,8 @@ fn single_precision_claims_nothing_wrong() {
         }
         let problem = qp.problem();
         let dims = problem.dims;
-        let (mut buffer, mut scratch) =
-            (vec![0.0; dims.tables_len()], vec![0.0; dims.prepare_len()]);
-        prepare(&problem.data(), &mut buffer, &mut scratch).unwrap();
-        let mut single = vec![0.0_f32; dims.tables_len()];
+        let buffer = tables_of(&problem, with_gram);
+        let mut single = vec![0.0_f32; buffer.len()];
         let tables = mpct_runtime::cast_tables(dims, &buffer, &mut single).unwrap();
         let (mut numbers, mut indices) = (
             vec![0.0_f32; dims.workspace_len()],
@@ -402,35 +411,46 @@ fn pairs_of_opposite_rows_are_as_good_as_rows_one_by_one() {
             .filter(|row| row % 2 == 0)
             .chain((0..rows).filter(|row| row % 2 == 1))
             .collect();
-        let problems = [paired(&qp, pairs, &together), paired(&qp, pairs, &apart)];
+        let problems = [
+            paired(&qp, pairs, &together),
+            paired(&qp, pairs, &apart),
+            paired(&qp, pairs, &together),
+        ];
+        // The third with the products of rows.
+        let numbers = [0, 1, 2].map(|i| tables_of(&problems[i], i == 2));
         let mut buffers = problems.each_ref().map(|p| {
-            let d = p.dims;
             (
-                (vec![0.0; d.tables_len()], vec![0.0; d.prepare_len()]),
-                (vec![0.0; d.workspace_len()], vec![0; d.index_len()]),
+                vec![0.0; p.dims.workspace_len()],
+                vec![0; p.dims.index_len()],
             )
         });
-        let [first, second] = &mut buffers;
-        let mut controllers = [(&problems[0], first), (&problems[1], second)].map(
-            |(problem, ((tables, scratch), (numbers, indices)))| {
-                let tables = prepare(&problem.data(), tables, scratch).unwrap();
-                let workspace = Workspace::new(problem.dims, numbers, indices).unwrap();
-                Controller::new(tables, workspace).unwrap()
-            },
-        );
+        let mut sources = problems.iter().zip(&numbers);
+        let mut controllers = buffers.each_mut().map(|(numbers, indices)| {
+            let (problem, tables) = sources.next().unwrap();
+            let tables = Tables::from_slice(problem.dims, tables).unwrap();
+            let workspace = Workspace::new(problem.dims, numbers, indices).unwrap();
+            Controller::new(tables, workspace).unwrap()
+        });
         for _ in 0..20 {
             let x: Vec<f64> = (0..qp.rows).map(|_| 0.9 * random.signed()).collect();
             if random.uniform() < 0.3 {
                 qp.f = (0..nz).map(|_| 8.0 * random.signed()).collect();
             }
-            let [one, other] = controllers.each_mut().map(|c| {
+            let [one, other, third] = controllers.each_mut().map(|c| {
                 let step = c.step(&x, &qp.f, Budget::unlimited()).unwrap();
                 assert_eq!(step.status, StepStatus::Optimal);
                 step.solution.to_vec()
             });
-            for (a, b) in one.iter().zip(&other) {
-                assert!((a - b).abs() < 1e-7 * (1.0 + b.abs()), "{round}: {a} {b}");
+            for ((a, b), c) in one.iter().zip(&other).zip(&third) {
+                let tolerance = 1e-7 * (1.0 + b.abs());
+                assert!((a - b).abs() < tolerance, "{round}: {a} {b}");
+                assert!((c - b).abs() < tolerance, "{round}: {c} {b}");
             }
+            let y = full(rows, controllers[2].multipliers());
+            assert!(
+                problems[2].residual(&x, &qp.f, &third, &y) < 1e-8,
+                "{round}"
+            );
             let y = full(rows, controllers[0].multipliers());
             assert!(problems[0].residual(&x, &qp.f, &one, &y) < 1e-8, "{round}");
             for (row, y) in y
@@ -449,4 +469,26 @@ fn pairs_of_opposite_rows_are_as_good_as_rows_one_by_one() {
         }
     }
     assert!(at_upper > 100 && at_lower > 100, "{at_upper} {at_lower}");
+}
+
+/// Products that do not belong to the rows are refused, whichever entry is wrong.
+#[test]
+fn damaged_products_are_refused() {
+    let mut random = Lcg(12);
+    let qp = Qp::random(&mut random, 5, 9, 1.0);
+    let problem = paired(&qp, 6, &(0..15).collect::<Vec<_>>());
+    let (dims, mut numbers) = (problem.dims, tables_of(&problem, true));
+    for at in dims.tables_len()..numbers.len() {
+        let kept = numbers[at];
+        for wrong in [kept + 1e-9, -2.0 * kept - 1.0, f64::NAN, f64::INFINITY] {
+            numbers[at] = wrong;
+            assert!(Tables::from_slice(dims, &numbers).is_err(), "{at} {wrong}");
+        }
+        numbers[at] = kept;
+    }
+    assert!(Tables::from_slice(dims, &numbers).is_ok());
+    let short = numbers.len() - 1;
+    assert!(Tables::from_slice(dims, &numbers[..short]).is_err());
+    // Tables are whole without their products.
+    assert!(Tables::from_slice(dims, &numbers[..dims.tables_len()]).is_ok());
 }

@@ -1,7 +1,7 @@
 //! What the tests share: random numbers, small matrices, and controllers built from scratch.
 #![allow(dead_code)]
 
-use mpct_runtime::{Dims, NO_ROW, QpData};
+use mpct_runtime::{Dims, NO_ROW, QpData, Tables, prepare, prepare_gram};
 
 /// A 64-bit linear congruential generator with fixed seeds: the tests are the same everywhere.
 pub struct Lcg(pub u64);
@@ -233,6 +233,24 @@ pub fn full(rows: usize, sparse: impl Iterator<Item = (usize, f64)>) -> Vec<f64>
         y[row] = value;
     }
     y
+}
+
+/// The tables of a problem, with or without the products of their rows.
+pub fn tables_of(problem: &Problem, with_gram: bool) -> Vec<f64> {
+    let dims = problem.dims;
+    let mut numbers = vec![0.0; dims.tables_len()];
+    let mut scratch = vec![0.0; dims.prepare_len()];
+    let tables = prepare(&problem.data(), &mut numbers, &mut scratch).unwrap();
+    if with_gram {
+        let mut products = vec![0.0; tables.gram_len()];
+        prepare_gram(&tables, &mut products).unwrap();
+        numbers.extend(products);
+    }
+    assert_eq!(
+        Tables::from_slice(dims, &numbers).unwrap().has_gram(),
+        with_gram
+    );
+    numbers
 }
 
 fn riccati(p: &Plant) -> (Mat, Mat) {
