@@ -18,7 +18,7 @@ use crate::dense::{all_finite, axpy, gemv_add, max_abs};
 use crate::gram::Gram;
 use crate::proof::proof_radius;
 use crate::tables::NO_ROW;
-use crate::walk::walk;
+use crate::walk::{reply, walk};
 use crate::{Budget, Scalar, Tables, Workspace};
 
 /// How a solve ended.
@@ -128,7 +128,9 @@ fn run<T: Scalar>(
     // After a jump the working set will change: the products find the new one before `z` is touched. In a quiet loop the bounds of the
     // pricing are cheaper still, as long as they rule most rows out.
     let mut gram = gram;
-    if (ws.has_jumped || ws.pricing.knows_nothing())
+    let is_quiet = !ws.has_jumped && !ws.pricing.knows_nothing();
+    let stays = is_quiet && gram.is_some_and(|gram| reply(tables, &gram, ws));
+    if !stays
         && let Some(gram) = gram.take()
         && let Some(outcome) = walk_and_settle(tables, &gram, ws, budget, iterations)?
     {

@@ -58,7 +58,7 @@ impl<'a, T: Scalar> Gram<'a, T> {
 pub(crate) fn unit_of<T: Scalar>(row: usize, pairs: usize) -> (usize, T) {
     if row >= 2 * pairs {
         (row - pairs, T::ONE)
-    } else if row % 2 == 0 {
+    } else if row.is_multiple_of(2) {
         (row / 2, T::ONE)
     } else {
         (row / 2, -T::ONE)
@@ -143,10 +143,11 @@ pub fn prepare_gram<T: Scalar>(tables: &Tables<'_, T>, out: &mut [T]) -> Result<
     }
 }
 
-/// Checks products against the tables they belong to. Returns how far residuals computed with them can be from those of the rows:
-/// at most this number times `1 + ‖x‖_∞ + ‖v‖_∞ + 2 Σ λ`, in units of right-hand sides, apart from a fourfold sum of all movements.
+/// Checks products against the tables they belong to. Returns the number `κ` by which rounding makes residuals computed with them differ
+/// from those of the rows: at most `κ` times the roundings of a term times `1 + ‖x‖_∞ + ‖v‖₂ + 2 Σ λ`, in units of right-hand sides.
 ///
-/// The terms of a residual are `gᵀR⁻¹(v + Mᵀλ)` and `wᵀx`. Both ways of computing it round every term at most `2 nz + n + 8` times.
+/// The terms of a residual are `gᵀR⁻¹(v + Mᵀλ)` and `wᵀx`; `κ` is the largest `(‖|gᵀ||R⁻¹|‖₂ + ‖w‖₁ + s) / s`, and rows of `M`
+/// are shorter than 2.
 pub(crate) fn check<T: Scalar>(
     tables: &Tables<'_, T>,
     gram: &Gram<'_, T>,
@@ -177,7 +178,7 @@ pub(crate) fn check<T: Scalar>(
             if !((found - value).abs() <= roundings * size) {
                 return damaged;
             }
-            mass += size;
+            mass += size * size;
         }
         if (0..m).any(|j| gram.theta[j * units + unit] != image[nz - m + j]) {
             return damaged;
@@ -195,7 +196,7 @@ pub(crate) fn check<T: Scalar>(
         }
         let of_state = w.iter().fold(T::ZERO, |sum, &v| sum + v.abs());
         let scale = tables.scale[row];
-        error = error.max(roundings * ((mass + of_state + scale) / scale));
+        error = error.max((mass.sqrt_upper() + of_state + scale) / scale);
     }
     if all_finite(&[error]) {
         Ok(error)

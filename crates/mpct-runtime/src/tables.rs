@@ -94,7 +94,7 @@ pub(crate) struct Found<T> {
     pub linear_from: [usize; 2],
     /// Rows `2 k` and `2 k + 1` are opposite for every `k` below this.
     pub pairs: usize,
-    /// Error of residuals computed with the products of rows, see `gram.rs`.
+    /// How rounding shows in residuals computed with the products of rows, see `gram::check`; infinite without products.
     pub gram_error: T,
 }
 

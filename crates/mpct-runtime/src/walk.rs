@@ -7,7 +7,7 @@
 //! numbers that are not finite) is left to the method that works with the rows.
 
 use crate::active_set::{Stop, drop_row, spend};
-use crate::dense::{all_finite, axpy, max_abs};
+use crate::dense::{all_finite, axpy, dot, max_abs, upper_transpose_mul};
 use crate::gram::{Gram, row_of, unit_of};
 use crate::{Budget, Scalar, Tables, Workspace};
 
@@ -28,10 +28,20 @@ pub(crate) fn walk<T: Scalar>(
     budget: &mut Budget<'_>,
     iterations: &mut u32,
 ) -> Result<Option<Vouched<T>>, Stop<T>> {
-    // v = R⁻ᵀ f.
-    tables.root_transpose_mul(ws.linear, ws.direction);
+    transform(tables, ws);
     let ended = go(tables, gram, ws, budget, iterations);
-    // z = −R⁻¹ (v + M_Wᵀ λ), also of a walk cut short: a lower bound of the cost comes with it.
+    // Also of a walk cut short: a lower bound of the cost comes with it.
+    minimise(tables, ws);
+    if let Ok(Some(vouched)) = &ended {
+        let working = ws.factor.index();
+        ws.pricing
+            .know(tables, gram.scale, vouched.error, ws.z, working);
+    }
+    ended
+}
+
+/// `z = −R⁻¹ (v + M_Wᵀ λ)`: the minimiser for the present multipliers.
+fn minimise<T: Scalar>(tables: &Tables<'_, T>, ws: &mut Workspace<'_, T>) {
     for (m, &v) in ws.m.iter_mut().zip(ws.direction.iter()) {
         *m = -v;
     }
@@ -43,12 +53,52 @@ pub(crate) fn walk<T: Scalar>(
             *z = T::ZERO;
         }
     }
-    if let Ok(Some(vouched)) = &ended {
-        let working = ws.factor.index();
-        ws.pricing
-            .know(tables, gram.scale, vouched.error, ws.z, working);
+}
+
+/// The first entry of `v` that is not always zero. Around the gain of the cost the linear term speaks of `θ` only, and so does `v`.
+fn first_of_v<T: Scalar>(tables: &Tables<'_, T>) -> usize {
+    let theta = tables.dims.variables() - tables.dims.inputs;
+    let [of_state, of_set_point] = tables.found.linear_from;
+    if of_state >= theta && of_set_point >= theta {
+        theta
+    } else {
+        0
     }
-    ended
+}
+
+/// `v = R⁻ᵀ f` into `direction`.
+fn transform<T: Scalar>(tables: &Tables<'_, T>, ws: &mut Workspace<'_, T>) {
+    let from = first_of_v(tables);
+    let of_theta = ws.linear.len() - from;
+    let (before, v) = ws.direction.split_at_mut(from);
+    before.fill(T::ZERO);
+    // The end of R⁻¹, packed by rows, is the triangle of these entries.
+    let skipped = tables.root_inverse.len() - of_theta * (of_theta + 1) / 2;
+    upper_transpose_mul(&tables.root_inverse[skipped..], &ws.linear[from..], v);
+}
+
+/// The solution if the working set stays. `false`, with nothing changed, when a multiplier would become negative.
+pub(crate) fn reply<T: Scalar>(
+    tables: &Tables<'_, T>,
+    gram: &Gram<'_, T>,
+    ws: &mut Workspace<'_, T>,
+) -> bool {
+    let (nz, from) = (tables.dims.variables(), first_of_v(tables));
+    transform(tables, ws);
+    let k = ws.factor.len();
+    for (a, &row) in ws.a.iter_mut().zip(ws.factor.index()) {
+        let (unit, sign) = unit_of::<T>(row as usize, tables.found.pairs);
+        let of_unit = &gram.rows[unit * nz..(unit + 1) * nz];
+        let along = sign * dot(&of_unit[from..], &ws.direction[from..]);
+        *a = -along - tables.bound(row as usize, ws.x);
+    }
+    ws.factor.solve(ws.a);
+    if !ws.a[..k].iter().all(|&a| a >= T::ZERO) {
+        return false;
+    }
+    ws.lambda[..k].copy_from_slice(&ws.a[..k]);
+    minimise(tables, ws);
+    true
 }
 
 fn go<T: Scalar>(
@@ -85,12 +135,15 @@ fn go<T: Scalar>(
         spend(budget, iterations)?;
         drop_row(tables, ws, i);
     }
-    let mut travelled = T::ZERO;
+    let mut travelled = Travelled {
+        sum: T::ZERO,
+        additions: tables.dims.states + tables.dims.variables() + ws.factor.len(),
+    };
     let d = ws.pricing.residuals(gram.units);
     for (&row, &l) in ws.factor.index().iter().zip(ws.lambda.iter()) {
         let (unit, sign) = unit_of::<T>(row as usize, pairs);
         axpy(-(sign * l), gram.products_of(unit), d);
-        travelled += l;
+        travelled.sum += l;
     }
     let limit = *iterations + 4 * (tables.dims.variables() + gram.units) as u32;
     loop {
@@ -100,13 +153,7 @@ fn go<T: Scalar>(
             return Ok(None);
         }
         let Some(unit) = worst.unit else {
-            let sum = ws.lambda[..ws.factor.len()]
-                .iter()
-                .fold(T::ZERO, |sum, &l| sum + l);
-            let two = T::ONE + T::ONE;
-            let size = T::ONE + max_abs(ws.x) + max_abs(ws.direction);
-            let size = size + two * (sum + two * travelled);
-            let error = tables.found.gram_error * size;
+            let error = rounding(tables, ws, &travelled);
             let is_sure = error <= T::HALF * T::PRIMAL;
             return Ok(is_sure.then_some(Vouched {
                 violation: worst.violation,
@@ -121,22 +168,45 @@ fn go<T: Scalar>(
     }
 }
 
+/// What went into `d` on the way.
+struct Travelled<T> {
+    /// Movements of multipliers, and the multipliers that were rounded.
+    sum: T,
+    /// Additions to an entry.
+    additions: usize,
+}
+
+/// By how much `d` may differ from the residuals of the rows at the `z` that the multipliers give, in units of right-hand sides.
+///
+/// Every addition to `d` rounds once. So do the additions that make `z` and the products: `k + 1` of rows, a block of `R⁻¹` twice,
+/// a dot product of two rows in four sums, and some for the end of each.
+fn rounding<T: Scalar>(
+    tables: &Tables<'_, T>,
+    ws: &Workspace<'_, T>,
+    travelled: &Travelled<T>,
+) -> T {
+    let k = ws.factor.len();
+    let of_z = k + 2 * tables.found.block + tables.dims.variables() / 4 + 16;
+    let roundings = T::from_f64((travelled.additions + of_z) as f64) * (T::HALF * T::EPSILON);
+    let sum = ws.lambda[..k].iter().fold(T::ZERO, |sum, &l| sum + l) + travelled.sum;
+    let length = dot(ws.direction, ws.direction).sqrt_upper();
+    roundings * tables.found.gram_error * (T::ONE + max_abs(ws.x) + length + (sum + sum))
+}
+
 /// `d` without any row active: `−M v − W x`.
 fn unconstrained<T: Scalar>(tables: &Tables<'_, T>, gram: &Gram<'_, T>, ws: &mut Workspace<'_, T>) {
     let (units, nz, m) = (gram.units, tables.dims.variables(), tables.dims.inputs);
     let d = ws.pricing.residuals(units);
     d.fill(T::ZERO);
-    let from = nz - m;
-    let [of_state, of_set_point] = tables.found.linear_from;
     let states = gram.state.chunks_exact(units).zip(ws.x.iter());
     states.for_each(|(column, &x)| axpy(-x, column, d));
-    if of_state >= from && of_set_point >= from {
-        // The linear term speaks of θ only, as for the LQR gain: so does v.
+    let from = first_of_v(tables);
+    if from == nz - m {
         let thetas = gram.theta.chunks_exact(units).zip(&ws.direction[from..]);
         thetas.for_each(|(column, &v)| axpy(-v, column, d));
     } else {
         for (d, row) in d.iter_mut().zip(gram.rows.chunks_exact(nz)) {
-            *d -= crate::dense::dot(row, ws.direction);
+            *d -= dot(row, ws.direction);
         }
     }
 }
@@ -147,7 +217,7 @@ fn enter<T: Scalar>(
     gram: &Gram<'_, T>,
     ws: &mut Workspace<'_, T>,
     row: usize,
-    travelled: &mut T,
+    travelled: &mut Travelled<T>,
     budget: &mut Budget<'_>,
     iterations: &mut u32,
 ) -> Result<bool, Stop<T>> {
@@ -180,13 +250,14 @@ fn enter<T: Scalar>(
         }
         lambda += t;
         axpy(-(t * sign), of_row, d);
-        *travelled += lambda;
+        travelled.sum += lambda;
+        travelled.additions += k + 1;
         for i in 0..k {
             let (other, other_sign) = unit_of::<T>(ws.factor.index()[i] as usize, pairs);
             let moved = t * ws.a[i];
             axpy(moved * other_sign, gram.products_of(other), d);
             ws.lambda[i] = (ws.lambda[i] - moved).max(T::ZERO);
-            *travelled += moved.abs() + ws.lambda[i];
+            travelled.sum += moved.abs() + ws.lambda[i];
         }
         if let Some(i) = blocking {
             drop_row(tables, ws, i);
