@@ -11,7 +11,7 @@
 //! | | numbers | access |
 //! |---|---|---|
 //! | tables | `pairs (g + v + 3) + nz (h + …)`, with F_x, F_r, K, C, E | read only, may lie in flash |
-//! | workspace | `nz (b + 9) + nz/16 + n + nr + m + 5 pairs + 4 groups`, and `2 nz + 1 + 3 pairs + 6 groups` indices of 4 bytes | read and write |
+//! | workspace | `nz (b + 9) + nz/4 + n + nr + m + 9 pairs + 6 groups + weights`, and `2 nz + 1 + 3 pairs + 6 groups` indices of 4 bytes | read and write |
 //!
 //! # Work, in multiply-adds, with `k` active rows
 //!
@@ -21,13 +21,16 @@
 //! | residuals | `2 h nz + k (2 g + v)` | three times in a quiet step, plus once per batch of leaving rows |
 //! | solution on all active rows | `2 b nz + 2 k g` | as often |
 //! | a row that comes or goes | `5 b · reach`, `reach` the columns at which its influence has faded; at most nz | per iteration |
-//! | measuring a group | `(g + v) ·` pairs in it | groups that the change can have moved beyond a bound |
+//! | noting a movement | weights of the groups it touches | per iteration; for all groups per solution and per state |
+//! | asking a group | `3 ·` pairs in it | groups whose rows the movements since can have brought beyond a bound |
+//! | measuring a row | `g + v` | rows that they can have brought there |
 //! | factors from nothing | `nz b²/2 + k g²/2` | at the start, after 2 000 changes, and when a twelfth of nz leaves at once |
 //! | checking the candidate | `pairs (3 g + 2 v) + 6 h nz` | only when cut short |
 //!
 //! Only `+ − × ÷` and comparisons are used, in an order that the source fixes: host and target give the same bits.
 
 mod factor;
+mod movement;
 mod pricing;
 mod rows;
 mod solve;

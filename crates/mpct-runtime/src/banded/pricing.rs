@@ -1,14 +1,13 @@
 //! Which row is violated, without looking at most rows.
 //!
-//! Rows are looked at in groups of neighbours. A group remembers the largest excess of its rows when it was last measured, and
-//! how far its rows can have moved since: at most ‖G D^(−1/2)‖ times the movement of D^(1/2) z inside of its window, and ‖V‖ times that of the
-//! state. A group is measured again only when nothing else is known to be violated, and then only when one of its rows can be. What happens in one subsystem does not
+//! Rows are looked at in groups of neighbours. A group remembers the largest excess of its rows when they were last measured, and
+//! how far its rows can have moved since (`movement.rs`). It is looked at again only when nothing else is known to be violated, and then only when one of
+//! its rows can be; of its rows those are measured that can be violated themselves. What happens in one subsystem does not
 //! reach the groups of the far ones, and costs them nothing.
 
 use super::tables::BandedTables;
-use super::workspace::{BLOCK, Parts};
+use super::workspace::Parts;
 use crate::Scalar;
-use core::ops::Range;
 
 /// A row to bring in.
 #[derive(Clone, Copy, Debug)]
@@ -38,23 +37,34 @@ impl<T: Scalar> Parts<'_, T> {
         )
     }
 
-    /// Measures a group.
+    /// Measures the rows of a group that can be violated.
     fn measure(&mut self, tables: &BandedTables<'_, T>, group: usize) {
         let d = &tables.data;
         let pairs = d.groups[group] as usize..d.groups[group + 1] as usize;
-        if self.is_dated[group] == 0 {
-            for pair in pairs.clone() {
-                self.of_state[pair] = d.rows_state.dot(pair, self.x);
-            }
-            self.is_dated[group] = 1;
+        let (mut known, mut best, mut nearest) = (-T::INFINITY, 0, -T::INFINITY);
+        // Sums too long to be accurate start again.
+        if self.begin_again(group) {
+            self.key[pairs.clone()].fill(-T::INFINITY);
         }
-        let (mut known, mut best) = (-T::INFINITY, 0);
         for pair in pairs {
             if self.side[pair] != 0 {
                 continue;
             }
+            let (reached, scale) = (self.reached(group, pair), d.scale[pair]);
+            let at_most = reached - self.key[pair];
+            if at_most <= T::ZERO {
+                nearest = nearest.max(at_most);
+                known = known.max(at_most * scale);
+                continue;
+            }
+
+            if self.of_state[pair].is_nan() {
+                self.of_state[pair] = d.rows_state.dot(pair, self.x);
+            }
             let (upper, lower) = self.beyond(tables, pair);
-            let excess = upper.max(lower) - T::PRIMAL * d.scale[pair];
+            let excess = upper.max(lower) - T::PRIMAL * scale;
+            self.key[pair] = reached - excess / scale;
+            nearest = nearest.max(excess / scale);
             // Written so that NaN is found and not skipped.
             if !(excess <= known) {
                 (known, best) = (excess, pair as u32);
@@ -63,7 +73,8 @@ impl<T: Scalar> Parts<'_, T> {
                 }
             }
         }
-        (self.known[group], self.best[group], self.moved[group]) = (known, best, T::ZERO);
+        (self.known[group], self.best[group]) = (known, best);
+        (self.nearest[group], self.moved[group]) = (nearest, T::ZERO);
     }
 
     /// Measures a group unless what is known of it is exact. `Err` when an excess is not a number.
@@ -105,7 +116,8 @@ impl<T: Scalar> Parts<'_, T> {
             None => {
                 let (mut worst, mut excess) = (None, T::ZERO);
                 for group in 0..self.known.len() {
-                    if !(self.known[group] + self.moved[group] <= excess) {
+                    let can_be = !(self.nearest[group] + self.moved[group] <= T::ZERO);
+                    if can_be || !(self.known[group] < T::INFINITY) {
                         let found = self.know(tables, group)?;
                         if found > excess {
                             (worst, excess) = (Some(group), found);
@@ -128,82 +140,14 @@ impl<T: Scalar> Parts<'_, T> {
         Ok(Some(Violated { pair, side, by }))
     }
 
-    /// The group of a pair must be measured again: a row of it became inactive.
-    pub fn forget_group_of(&mut self, tables: &BandedTables<'_, T>, pair: usize) {
+    /// A row became active or inactive: its group must be looked at again, and nothing is known of the row.
+    pub fn forget_row(&mut self, tables: &BandedTables<'_, T>, pair: usize) {
         let group = tables
             .data
             .groups
             .partition_point(|&first| first as usize <= pair);
         self.known[group - 1] = T::INFINITY;
-    }
-
-    /// `z` moved by `t · direction` in `range`.
-    pub fn moved_variables(&mut self, range: Range<usize>, t: T) {
-        if range.is_empty() {
-            return;
-        }
-        let first = range.start / BLOCK;
-        let last = (range.end - 1) / BLOCK;
-        for block in first..=last {
-            let mut sum = T::ZERO;
-            let to = ((block + 1) * BLOCK).min(range.end);
-            for v in (block * BLOCK).max(range.start)..to {
-                let move_of = self.unit[v] * self.direction[v];
-                sum += move_of * move_of;
-            }
-            self.blocks[block] = sum;
-        }
-        let t = t.abs();
-        for group in 0..self.known.len() {
-            let (from, to) = (self.spans[0][group] as usize, self.spans[1][group] as usize);
-            if from >= range.end || to <= range.start || to == 0 {
-                continue;
-            }
-            let mut sum = T::ZERO;
-            for block in (from / BLOCK).max(first)..=((to - 1) / BLOCK).min(last) {
-                sum += self.blocks[block];
-            }
-            self.add_movement(group, t * self.reach[0][group], sum);
-        }
-    }
-
-    /// A new state; `x` in the order of the caller. Finite: the caller has checked it.
-    pub fn measure_state(&mut self, tables: &BandedTables<'_, T>, x: &[T]) {
-        self.is_dated.fill(0);
-        let order = tables.data.state_order;
-        for block in 0..order.len().div_ceil(BLOCK) {
-            let mut sum = T::ZERO;
-            for i in block * BLOCK..((block + 1) * BLOCK).min(order.len()) {
-                let new = x[order[i] as usize];
-                let difference = new - self.x[i];
-                sum += difference * difference;
-                self.x[i] = new;
-            }
-            self.blocks[block] = sum;
-        }
-        for group in 0..self.known.len() {
-            let (from, to) = (self.spans[2][group] as usize, self.spans[3][group] as usize);
-            if to == 0 {
-                continue;
-            }
-            let mut sum = T::ZERO;
-            for block in from / BLOCK..=(to - 1) / BLOCK {
-                sum += self.blocks[block];
-            }
-            self.add_movement(group, self.reach[1][group], sum);
-        }
-    }
-
-    /// Rounded up: movements far smaller than what they are added to would be lost otherwise, and a slow drift never be seen. What is not
-    /// finite is measured.
-    #[inline(always)]
-    fn add_movement(&mut self, group: usize, reach: T, square: T) {
-        if !square.is_finite() {
-            self.moved[group] = T::INFINITY;
-        } else if square > T::ZERO {
-            let by = reach * square.sqrt_upper();
-            self.moved[group] = (self.moved[group] + by) * (T::ONE + T::EPSILON);
-        }
+        self.key[pair] = -T::INFINITY;
     }
 }
 

@@ -29,7 +29,7 @@ fn a_violated_row_is_found_whenever_there_is_one() {
                     // A row comes or goes.
                     let pair = random.below(PAIRS);
                     parts.side[pair] = u32::from(parts.side[pair] == 0);
-                    parts.forget_group_of(&tables, pair);
+                    parts.forget_row(&tables, pair);
                 }
                 2 => {
                     // The centre of an active row; it goes back to 0 when the row is not active.
@@ -51,7 +51,7 @@ fn a_violated_row_is_found_whenever_there_is_one() {
                             size * random.signed() / parts.unit[v] - 0.01 * parts.z[v];
                         parts.z[v] += t * parts.direction[v];
                     }
-                    parts.moved_variables(from..to, t);
+                    parts.moved_variables(&tables, from..to, t);
                 }
             }
             let (mut worst, mut excesses) = (0.0, [f64::NEG_INFINITY; PAIRS]);
@@ -88,7 +88,7 @@ fn a_violated_row_is_found_whenever_there_is_one() {
                         parts.direction[v] = -0.7 * parts.z[v];
                         parts.z[v] += parts.direction[v];
                     }
-                    parts.moved_variables(0..NZ, 1.0);
+                    parts.moved_variables(&tables, 0..NZ, 1.0);
                     x.iter_mut().for_each(|v| *v *= 0.5);
                     parts.measure_state(&tables, &x);
                     parts.centre.fill(0.0);
@@ -123,7 +123,7 @@ fn not_a_number_is_found() {
         assert!(matches!(parts.price(&tables), Ok(None)));
         parts.direction[60] = bad;
         parts.z[60] += bad;
-        parts.moved_variables(60..61, 1.0);
+        parts.moved_variables(&tables, 60..61, 1.0);
         assert!(parts.price(&tables).is_err(), "{bad}");
     }
 }

@@ -39,7 +39,7 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
         self.state.active -= 1;
         p.side[pair] = 0;
         p.y[pair] = T::ZERO;
-        p.forget_group_of(self.tables, pair);
+        p.forget_row(self.tables, pair);
         if update {
             self.change(pair, -self.parts.stiff[pair])
         } else {
@@ -133,7 +133,7 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
             {
                 *z -= t * sign * step;
             }
-            p.moved_variables(range, t);
+            p.moved_variables(self.tables, range, t);
             beyond -= t * compliance;
             multiplier += t;
             match blocking {
@@ -156,7 +156,7 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
         self.state.active += 1;
         p.side[pair] = side;
         p.y[pair] = y;
-        p.forget_group_of(self.tables, pair);
+        p.forget_row(self.tables, pair);
         self.change(pair, self.parts.stiff[pair])
     }
 }

@@ -111,6 +111,7 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
         p.side.fill(0);
         p.scratch.fill(T::ZERO);
         p.known.fill(T::INFINITY);
+        p.key.fill(-T::INFINITY);
         p.moved.fill(T::ZERO);
         self.state.active = 0;
         self.state.centred = 0;
@@ -122,7 +123,10 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
         if budget.is_over() {
             return Err(Stop::Ended(Outcome::Deadline));
         }
-        if self.state.changes.is_none_or(|c| c > WORN) {
+        // Computing the factors costs about a quarter of their band in solutions.
+        let worth = self.tables.factor_entries() / (4 * self.tables.variables());
+        let is_inexact = self.state.refined as usize > worth;
+        if is_inexact || self.state.changes.is_none_or(|c| c > WORN) {
             self.refactor()?;
         }
         let (mut before, mut round) = (T::INFINITY, 0);
@@ -142,6 +146,9 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
                     self.state.stationarity = stationarity;
                     self.state.violation = error;
                     return Ok(Outcome::Optimal);
+                }
+                if round == 1 && error <= T::REFINE && self.state.changes != Some(0) {
+                    self.state.refined += 1;
                 }
                 if is_stuck {
                     if let Some(radius) = self.prove() {
@@ -174,6 +181,7 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
         let active = &p.active[..self.state.active];
         if p.factor.compute(&d.hessian, &d.rows, active, p.stiff) {
             self.state.changes = Some(0);
+            self.state.refined = 0;
             Ok(())
         } else {
             self.state.changes = None;
@@ -203,7 +211,7 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
         }
         let (mut left, mut size) = ([T::ZERO; 2], [T::ONE; 2]);
         for v in 0..p.z.len() {
-            let part = usize::from(d.next_stage[v] as usize == v);
+            let part = self.tables.part(v);
             left[part] = larger(left[part], p.direction[v].abs());
             let terms = p.linear[v]
                 .abs()
@@ -253,7 +261,7 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
                 *z += step;
             }
             let size = p.z.len();
-            p.moved_variables(0..size, T::ONE);
+            p.moved_variables(self.tables, 0..size, T::ONE);
             let mut leaving = 0;
             for k in 0..self.state.active {
                 let pair = p.active[k] as usize;

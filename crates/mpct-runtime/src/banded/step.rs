@@ -251,8 +251,8 @@ where
         let numbers = self.numbers.as_ref();
         let (pairs, groups) = (tables.pairs(), tables.groups());
         let from_end = match which {
-            Vector::Multipliers => 5 * pairs + 4 * groups,
-            Vector::Proof => 2 * pairs + 4 * groups,
+            Vector::Multipliers => 9 * pairs + 6 * groups + tables.weights(),
+            Vector::Proof => 6 * pairs + 6 * groups + tables.weights(),
         };
         match numbers.len().checked_sub(from_end) {
             Some(at) if self.state.sizes == sizes(tables) => &numbers[at..at + pairs],

@@ -9,9 +9,11 @@
 //! brings ‖G_i D^(−1/2)‖, D the diagonal of H, into [1, 2): a violation then says how far the optimum has to move.
 
 use super::Windows;
+use super::movement::blocks_of;
 use crate::dense::all_finite;
 use crate::tables::NO_ROW;
 use crate::{Scalar, TableError};
+use core::ops::Range;
 
 /// The arrays of a banded controller. [`BandedTables::new`] checks them.
 #[derive(Clone, Copy, Debug)]
@@ -53,6 +55,7 @@ pub struct BandedData<'a, T> {
 pub struct BandedTables<'a, T> {
     pub(crate) data: BandedData<'a, T>,
     factor: usize,
+    weights: usize,
 }
 
 fn length(what: &'static str, expected: usize, found: usize) -> Result<(), TableError> {
@@ -64,6 +67,17 @@ fn length(what: &'static str, expected: usize, found: usize) -> Result<(), Table
             expected,
             found,
         })
+    }
+}
+
+/// The smallest range that covers both; an empty one covers nothing.
+fn hull(a: Range<usize>, b: Range<usize>) -> Range<usize> {
+    if b.is_empty() {
+        a
+    } else if a.is_empty() {
+        b
+    } else {
+        a.start.min(b.start)..a.end.max(b.end)
     }
 }
 
@@ -166,13 +180,24 @@ impl<'a, T: Scalar> BandedTables<'a, T> {
             }
             last = g;
         }
-        let mut tables = Self { data, factor: 0 };
+        let mut tables = Self {
+            data,
+            factor: 0,
+            weights: 0,
+        };
         let mut factor = 0_usize;
         tables.for_each_reach(|v, end| factor += end - v - 1);
         if factor >= u32::MAX as usize {
             return Err(TableError::Dimensions);
         }
         tables.factor = factor;
+        for group in 0..tables.groups() {
+            let [z, x] = tables.spans_of(group).map(|span| blocks_of(&span).len());
+            tables.weights += 2 * z + x;
+        }
+        if tables.weights >= u32::MAX as usize {
+            return Err(TableError::Dimensions);
+        }
         Ok(tables)
     }
 
@@ -232,6 +257,37 @@ impl<'a, T: Scalar> BandedTables<'a, T> {
         }
     }
 
+    /// The pairs of a group.
+    pub(crate) fn pairs_of(&self, group: usize) -> Range<usize> {
+        self.data.groups[group] as usize..self.data.groups[group + 1] as usize
+    }
+
+    /// What the rows of a group touch: variables, states.
+    pub(crate) fn spans_of(&self, group: usize) -> [Range<usize>; 2] {
+        let mut spans = [0..0, 0..0];
+        for pair in self.pairs_of(group) {
+            let windows = [
+                self.data.rows.window(pair),
+                self.data.rows_state.window(pair),
+            ];
+            for (span, window) in spans.iter_mut().zip(windows) {
+                *span = hull(span.clone(), window);
+            }
+        }
+        spans
+    }
+
+    /// 0 for an entry of c, 1 for one of θ.
+    #[inline(always)]
+    pub(crate) fn part(&self, v: usize) -> usize {
+        usize::from(self.data.next_stage[v] as usize == v)
+    }
+
+    /// Weights of blocks, see `movement.rs`.
+    pub(crate) fn weights(&self) -> usize {
+        self.weights
+    }
+
     /// Variables nz.
     pub fn variables(&self) -> usize {
         self.data.hessian.rows()
@@ -267,7 +323,8 @@ impl<'a, T: Scalar> BandedTables<'a, T> {
         self.factor
     }
 
-    /// Numbers a controller needs: `factor + 9 nz + max(nz, n)/16 + 1 + n + nr + m + 5 pairs + 4 groups`; see [`super`].
+    /// Numbers a controller needs: `factor + 9 nz + 2 ⌈max(nz, n)/8⌉ + n + nr + m + 9 pairs + 6 groups + weights`, a weight for c and
+    /// one for θ of every block of 8 variables and one of every block of 8 states that the rows of a group touch; see [`super`].
     pub fn workspace_len(&self) -> usize {
         super::workspace::numbers(self)
     }

@@ -1,12 +1,9 @@
 //! The memory of a banded controller, divided.
 
 use super::factor::Factor;
+use super::movement::blocks;
 use super::tables::BandedTables;
 use crate::Scalar;
-use core::ops::Range;
-
-/// Variables or states whose movement is measured together.
-pub(crate) const BLOCK: usize = 16;
 
 /// What is remembered besides the arrays.
 #[derive(Clone, Copy, Debug)]
@@ -17,10 +14,12 @@ pub(crate) struct State<T> {
     pub centred: usize,
     /// Changes of the factors since they were computed; `None` when they are not valid.
     pub changes: Option<u32>,
+    /// Solutions that were needed only because changes have left rounding in the factors.
+    pub refined: u32,
     /// Longest window of a row.
     pub longest: usize,
     /// The sizes of the tables that the memory was divided for.
-    pub sizes: [usize; 7],
+    pub sizes: [usize; 8],
     /// Some rows are stiffer than usual.
     pub is_stiff: bool,
     pub has_plan: bool,
@@ -40,8 +39,9 @@ impl<T: Scalar> State<T> {
             active: 0,
             centred: 0,
             changes: None,
+            refined: 0,
             longest: 0,
-            sizes: [0; 7],
+            sizes: [0; 8],
             is_stiff: false,
             has_plan: false,
             is_optimum: false,
@@ -70,8 +70,8 @@ pub(crate) struct Parts<'w, T> {
     pub scratch: &'w mut [T],
     /// Square root of the diagonal of H.
     pub unit: &'w mut [T],
-    /// Squared movement by blocks.
-    pub blocks: &'w mut [T],
+    /// Movement by blocks: of c, and of θ.
+    pub blocks: [&'w mut [T]; 2],
     /// Measured state and set-point in the order of the tables.
     pub x: &'w mut [T],
     pub r: &'w mut [T],
@@ -84,41 +84,50 @@ pub(crate) struct Parts<'w, T> {
     pub stiff: &'w mut [T],
     /// A number for each active row; the proof when there is one (of each pair).
     pub slope: &'w mut [T],
-    /// V x of the pairs of groups that were measured in this step.
+    /// V x of the pairs that were measured in this step, NaN of others.
     pub of_state: &'w mut [T],
-    /// Largest excess of a row of each group when it was measured.
+    /// What each pair reached when it was measured, less its excess, see `pricing.rs`.
+    pub key: &'w mut [T],
+    /// Shares of c, θ and x of each pair, see `movement.rs`.
+    pub share: [&'w mut [T]; 3],
+    /// Largest excess of a row of each group when it was measured, or a bound that is not positive.
     pub known: &'w mut [T],
-    /// How much it can have grown since.
+    /// The same in units of right-hand sides.
+    pub nearest: &'w mut [T],
+    /// How much that can have grown since.
     pub moved: &'w mut [T],
-    /// Largest ‖G D^(−1/2)‖ and ‖V‖ in each group.
-    pub reach: [&'w mut [T]; 2],
+    /// Sums of the movements of c, θ and x near each group.
+    pub path: [&'w mut [T]; 3],
+    /// Weights of the blocks of each group.
+    pub weights: &'w mut [T],
     /// Active pairs, ascending.
     pub active: &'w mut [u32],
     /// 0 inactive, 1 upper side, 2 lower side.
     pub side: &'w mut [u32],
     /// Pairs with a centre.
     pub centred: &'w mut [u32],
-    /// Whether `of_state` holds for each group: 0 or 1.
-    pub is_dated: &'w mut [u32],
     /// The row of that excess.
     pub best: &'w mut [u32],
     /// First variable, end, first state, end of each group.
     pub spans: [&'w mut [u32]; 4],
+    /// Where the weights of each group begin.
+    pub weight_start: &'w mut [u32],
 }
 
-fn blocks<T: Scalar>(tables: &BandedTables<'_, T>) -> usize {
-    tables.variables().max(tables.states()) / BLOCK + 1
+fn moving_blocks<T: Scalar>(tables: &BandedTables<'_, T>) -> usize {
+    blocks(tables.variables().max(tables.states()))
 }
 
 pub(crate) fn numbers<T: Scalar>(tables: &BandedTables<'_, T>) -> usize {
     tables.factor_entries()
         + 9 * tables.variables()
-        + blocks(tables)
+        + 2 * moving_blocks(tables)
         + tables.states()
         + tables.set_point()
         + tables.inputs()
-        + 5 * tables.pairs()
-        + 4 * tables.groups()
+        + 9 * tables.pairs()
+        + 6 * tables.groups()
+        + tables.weights()
 }
 
 pub(crate) fn indices<T: Scalar>(tables: &BandedTables<'_, T>) -> usize {
@@ -126,7 +135,7 @@ pub(crate) fn indices<T: Scalar>(tables: &BandedTables<'_, T>) -> usize {
 }
 
 /// What decides how memory is divided.
-pub(crate) fn sizes<T: Scalar>(tables: &BandedTables<'_, T>) -> [usize; 7] {
+pub(crate) fn sizes<T: Scalar>(tables: &BandedTables<'_, T>) -> [usize; 8] {
     [
         tables.factor_entries(),
         tables.variables(),
@@ -135,6 +144,7 @@ pub(crate) fn sizes<T: Scalar>(tables: &BandedTables<'_, T>) -> [usize; 7] {
         tables.inputs(),
         tables.pairs(),
         tables.groups(),
+        tables.weights(),
     ]
 }
 
@@ -173,7 +183,10 @@ pub(crate) fn divide<'w, T: Scalar>(
         direction: numbers(nz),
         scratch: numbers(nz),
         unit: numbers(nz),
-        blocks: numbers(blocks(tables)),
+        blocks: [
+            numbers(moving_blocks(tables)),
+            numbers(moving_blocks(tables)),
+        ],
         x: numbers(tables.states()),
         r: numbers(tables.set_point()),
         input: numbers(tables.inputs()),
@@ -182,13 +195,16 @@ pub(crate) fn divide<'w, T: Scalar>(
         stiff: numbers(pairs),
         slope: numbers(pairs),
         of_state: numbers(pairs),
+        key: numbers(pairs),
+        share: [numbers(pairs), numbers(pairs), numbers(pairs)],
         known: numbers(groups),
+        nearest: numbers(groups),
         moved: numbers(groups),
-        reach: [numbers(groups), numbers(groups)],
+        path: [numbers(groups), numbers(groups), numbers(groups)],
+        weights: numbers(tables.weights()),
         active: indices(pairs),
         side: indices(pairs),
         centred: indices(pairs),
-        is_dated: indices(groups),
         best: indices(groups),
         spans: [
             indices(groups),
@@ -196,16 +212,8 @@ pub(crate) fn divide<'w, T: Scalar>(
             indices(groups),
             indices(groups),
         ],
+        weight_start: indices(groups),
     })
-}
-
-/// The smallest range that covers both; an empty one covers nothing.
-fn hull(a: Option<Range<usize>>, b: Range<usize>) -> Option<Range<usize>> {
-    match a {
-        _ if b.is_empty() => a,
-        None => Some(b),
-        Some(a) => Some(a.start.min(b.start)..a.end.max(b.end)),
-    }
 }
 
 impl<T: Scalar> Parts<'_, T> {
@@ -216,35 +224,7 @@ impl<T: Scalar> Parts<'_, T> {
         for v in 0..tables.variables() {
             self.unit[v] = d.hessian.row(v)[0].sqrt_core();
         }
-        let mut longest = 0;
-        for group in 0..tables.groups() {
-            let pairs = d.groups[group] as usize..d.groups[group + 1] as usize;
-            let (mut of_z, mut of_x) = (None, None);
-            let (mut reach_z, mut reach_x) = (T::ZERO, T::ZERO);
-            for pair in pairs {
-                let (z, x) = (d.rows.window(pair), d.rows_state.window(pair));
-                longest = longest.max(z.len());
-                let (mut square_z, mut square_x) = (T::ZERO, T::ZERO);
-                for (&g, &u) in d.rows.row(pair).iter().zip(&self.unit[z.clone()]) {
-                    square_z += (g / u) * (g / u);
-                }
-                for &v in d.rows_state.row(pair) {
-                    square_x += v * v;
-                }
-                reach_z = reach_z.max(square_z);
-                reach_x = reach_x.max(square_x);
-                (of_z, of_x) = (hull(of_z, z), hull(of_x, x));
-            }
-            // A little more than the norm, for the rounding of what it bounds.
-            let margin = T::ONE + T::from_f64(1e3) * T::EPSILON;
-            self.reach[0][group] = reach_z.sqrt_upper() * margin;
-            self.reach[1][group] = reach_x.sqrt_upper() * margin;
-            let (of_z, of_x) = (of_z.unwrap_or(0..0), of_x.unwrap_or(0..0));
-            let ends = [of_z.start, of_z.end, of_x.start, of_x.end];
-            for (span, value) in self.spans.iter_mut().zip(ends) {
-                span[group] = value as u32;
-            }
-        }
+        let longest = self.weigh(tables);
         for vector in [
             &mut self.z,
             &mut self.plan,
@@ -266,7 +246,9 @@ impl<T: Scalar> Parts<'_, T> {
         self.known.fill(T::INFINITY);
         self.stiff.fill(super::solve::stiffness());
         self.side.fill(0);
-        self.is_dated.fill(0);
+        self.of_state.fill(T::NAN);
+        self.key.fill(-T::INFINITY);
+        self.path.iter_mut().for_each(|path| path.fill(T::ZERO));
         longest
     }
 }
