@@ -29,6 +29,26 @@ pub(crate) fn dot<T: Scalar>(a: &[T], b: &[T]) -> T {
     ((sums[0] + sums[2]) + (sums[1] + sums[3])) + rest
 }
 
+/// The same with eight running sums: for long vectors, where four would wait for each other.
+#[inline(always)]
+pub(crate) fn long_dot<T: Scalar>(a: &[T], b: &[T]) -> T {
+    const LANES: usize = 8;
+    let mut sums = [T::ZERO; LANES];
+    let (a8, a_rest) = a.as_chunks::<LANES>();
+    let (b8, b_rest) = b.as_chunks::<LANES>();
+    for (p, q) in a8.iter().zip(b8) {
+        for lane in 0..LANES {
+            sums[lane] += p[lane] * q[lane];
+        }
+    }
+    let mut rest = T::ZERO;
+    for (&p, &q) in a_rest.iter().zip(b_rest) {
+        rest += p * q;
+    }
+    let [s0, s1, s2, s3, s4, s5, s6, s7] = sums;
+    (((s0 + s4) + (s2 + s6)) + ((s1 + s5) + (s3 + s7))) + rest
+}
+
 /// `y += s·x`.
 #[inline(always)]
 pub(crate) fn axpy<T: Scalar>(s: T, x: &[T], y: &mut [T]) {

@@ -9,7 +9,7 @@
 use super::tables::BandedTables;
 use super::windows::Windows;
 use crate::Scalar;
-use crate::dense::{axpy, dot};
+use crate::dense::{axpy, long_dot};
 use core::ops::Range;
 
 /// Columns between two looks at whether anything is left.
@@ -184,7 +184,7 @@ impl<T: Scalar> Factor<'_, T> {
         }
         for v in (0..size).rev() {
             let column = self.column(v);
-            x[v] = x[v] / self.diagonal[v] - dot(column, &x[v + 1..v + 1 + column.len()]);
+            x[v] = x[v] / self.diagonal[v] - long_dot(column, &x[v + 1..v + 1 + column.len()]);
         }
     }
 
@@ -231,7 +231,7 @@ impl<T: Scalar> Factor<'_, T> {
             } else {
                 T::ZERO
             };
-            x[v] = right - dot(column, &x[v + 1..v + 1 + column.len()]);
+            x[v] = right - long_dot(column, &x[v + 1..v + 1 + column.len()]);
             largest = largest.max(x[v].abs());
             if v < window.start
                 && (window.start - v).is_multiple_of(STRIDE)

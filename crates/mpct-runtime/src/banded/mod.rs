@@ -11,15 +11,15 @@
 //! | | numbers | access |
 //! |---|---|---|
 //! | tables | `pairs (g + v + 3) + nz (h + …)`, with F_x, F_r, K, C, E | read only, may lie in flash |
-//! | workspace | `nz (b + 9) + nz/4 + n + nr + m + 9 pairs + 6 groups + weights`, and `2 nz + 1 + 3 pairs + 6 groups` indices of 4 bytes | read and write |
+//! | workspace | `nz (b + 10) + nz/4 + n + nr + m + 9 pairs + 6 groups + weights`, and `2 nz + 1 + 3 pairs + 6 groups` indices of 4 bytes | read and write |
 //!
 //! # Work, in multiply-adds, with `k` active rows
 //!
 //! | part of a step | at most | how often |
 //! |---|---|---|
 //! | linear term | entries of F_x (and F_r after a new set-point) | once |
-//! | residuals | `2 h nz + k (2 g + v)` | three times in a quiet step, plus once per batch of leaving rows |
-//! | solution on all active rows | `2 b nz + 2 k g` | as often |
+//! | residuals | `2 h nz + k (4 g + v)` | two or three times in a quiet step, plus once per batch of leaving rows |
+//! | solution on all active rows | `2 b nz` | once less |
 //! | a row that comes or goes | `5 b · reach`, `reach` the columns at which its influence has faded; at most nz | per iteration |
 //! | noting a movement | weights of the groups it touches | per iteration; for all groups per solution and per state |
 //! | asking a group | `3 ·` pairs in it | groups whose rows the movements since can have brought beyond a bound |

@@ -35,11 +35,12 @@ fn within(block: usize, range: &Range<usize>) -> Range<usize> {
 }
 
 impl<T: Scalar> Parts<'_, T> {
-    /// Weights and shares, from the tables. Returns the longest window of a row.
-    pub fn weigh(&mut self, tables: &BandedTables<'_, T>) -> usize {
-        let (mut longest, mut start) = (0, 0);
+    /// Weights and shares, from the tables. Returns the longest window of a row and the longest span of a group.
+    pub fn weigh(&mut self, tables: &BandedTables<'_, T>) -> [usize; 2] {
+        let (mut longest, mut widest, mut start) = (0, 0, 0);
         for group in 0..tables.groups() {
             let [z, x] = tables.spans_of(group);
+            widest = widest.max(z.len());
             let ends = [z.start, z.end, x.start, x.end];
             for (span, value) in self.spans.iter_mut().zip(ends) {
                 span[group] = value as u32;
@@ -67,7 +68,7 @@ impl<T: Scalar> Parts<'_, T> {
                 }
             }
         }
-        longest
+        [longest, widest]
     }
 
     /// Calls `f(weight, part, norm)` for the blocks of a row: its norm there, in units of its right-hand side.
@@ -125,8 +126,14 @@ impl<T: Scalar> Parts<'_, T> {
         true
     }
 
-    /// `z` moved by `t · direction` in `range`.
-    pub fn moved_variables(&mut self, tables: &BandedTables<'_, T>, range: Range<usize>, t: T) {
+    /// `z` moved by `t · direction` in `range`; `widest` is the longest span of variables of a group.
+    pub fn moved_variables(
+        &mut self,
+        tables: &BandedTables<'_, T>,
+        widest: usize,
+        range: Range<usize>,
+        t: T,
+    ) {
         if range.is_empty() {
             return;
         }
@@ -141,7 +148,11 @@ impl<T: Scalar> Parts<'_, T> {
                 self.blocks[part][block] = t.abs() * length(sum);
             }
         }
-        for group in 0..self.known.len() {
+        // Groups stand in the order of their first variables.
+        let reaches = |&first: &u32| first as usize + widest <= range.start;
+        let near = self.spans[0].partition_point(reaches)
+            ..self.spans[0].partition_point(|&first| (first as usize) < range.end);
+        for group in near {
             let (from, to) = (self.spans[0][group] as usize, self.spans[1][group] as usize);
             if from >= range.end || to <= range.start {
                 continue;

@@ -9,6 +9,10 @@ use super::tables::BandedTables;
 use super::workspace::Parts;
 use crate::Scalar;
 
+/// Groups that are worked on together. More, and one does not fit into the memory near the processor; fewer, and rows come and go that
+/// their neighbours would have decided.
+const NEIGHBOURHOOD: usize = 32;
+
 /// A row to bring in.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Violated<T> {
@@ -20,12 +24,6 @@ pub(crate) struct Violated<T> {
 }
 
 impl<T: Scalar> Parts<'_, T> {
-    /// G z + V x of a pair.
-    #[inline(always)]
-    pub fn value(&self, tables: &BandedTables<'_, T>, pair: usize) -> T {
-        tables.data.rows.dot(pair, self.z) + tables.data.rows_state.dot(pair, self.x)
-    }
-
     /// How far the row of each side lies beyond its penalised bound, b − centre / ρ: (upper, lower).
     #[inline(always)]
     fn beyond(&self, tables: &BandedTables<'_, T>, pair: usize) -> (T, T) {
@@ -92,25 +90,23 @@ impl<T: Scalar> Parts<'_, T> {
         }
     }
 
-    /// A violated row that is not active: the most violated one of the group that was worst when it was last measured.
-    /// `Err` when an excess is not a number.
+    /// A violated row that is not active: the most violated one of the group that was worst when it was last measured, in the
+    /// neighbourhood that is being worked on. `Err` when an excess is not a number.
     ///
     /// What a change does far away is looked at last: a group is measured when it is the worst of those that are known to be
-    /// violated, and when none is, those that can be.
+    /// violated, and when none is, those that can be. Neighbourhoods are worked off one after another, so that what they need stays near the
+    /// processor; the method is free to add any violated row.
     pub fn price(&mut self, tables: &BandedTables<'_, T>) -> Result<Option<Violated<T>>, ()> {
-        let worst = loop {
-            let (mut worst, mut excess) = (None, T::ZERO);
-            for (group, &known) in self.known.iter().enumerate() {
-                if !(known <= excess) {
-                    (worst, excess) = (Some(group), known);
-                }
+        let mut worst = None;
+        let neighbourhoods = self.known.len().div_ceil(NEIGHBOURHOOD);
+        for turn in 0..neighbourhoods {
+            let here = (self.turn + turn) % neighbourhoods;
+            worst = self.known_worst(tables, here)?;
+            if worst.is_some() {
+                self.turn = here;
+                break;
             }
-            let Some(group) = worst else { break None };
-            let is_exact = self.moved[group] <= T::ZERO && excess < T::INFINITY;
-            if self.know(tables, group)? > T::ZERO && is_exact {
-                break Some(group);
-            }
-        };
+        }
         let group = match worst {
             Some(group) => group,
             None => {
@@ -138,6 +134,30 @@ impl<T: Scalar> Parts<'_, T> {
             (2, lower)
         };
         Ok(Some(Violated { pair, side, by }))
+    }
+
+    /// The worst group of a neighbourhood that is known to be violated, measured.
+    fn known_worst(
+        &mut self,
+        tables: &BandedTables<'_, T>,
+        neighbourhood: usize,
+    ) -> Result<Option<usize>, ()> {
+        let first = neighbourhood * NEIGHBOURHOOD;
+        let end = (first + NEIGHBOURHOOD).min(self.known.len());
+        loop {
+            let (mut worst, mut excess) = (None, T::ZERO);
+            for group in first..end {
+                let known = self.known[group];
+                if !(known <= excess) {
+                    (worst, excess) = (Some(group), known);
+                }
+            }
+            let Some(group) = worst else { return Ok(None) };
+            let is_exact = self.moved[group] <= T::ZERO && excess < T::INFINITY;
+            if self.know(tables, group)? > T::ZERO && is_exact {
+                return Ok(Some(group));
+            }
+        }
     }
 
     /// A row became active or inactive: its group must be looked at again, and nothing is known of the row.

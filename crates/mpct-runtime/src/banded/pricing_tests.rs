@@ -14,7 +14,7 @@ fn a_violated_row_is_found_whenever_there_is_one() {
         let (mut numbers, mut indices) = ([f64::NAN; NUMBERS], [u32::MAX; INDICES]);
         let (n, i) = (tables.workspace_len(), tables.index_len());
         let mut parts = divide(&tables, &mut numbers[..n], &mut indices[..i]).unwrap();
-        parts.clear(&tables);
+        let [_, widest] = parts.clear(&tables);
         let mut x = [0.0; STATES];
         for _ in 0..400 {
             // What the solver does between two answers.
@@ -51,7 +51,7 @@ fn a_violated_row_is_found_whenever_there_is_one() {
                             size * random.signed() / parts.unit[v] - 0.01 * parts.z[v];
                         parts.z[v] += t * parts.direction[v];
                     }
-                    parts.moved_variables(&tables, from..to, t);
+                    parts.moved_variables(&tables, widest, from..to, t);
                 }
             }
             let (mut worst, mut excesses) = (0.0, [f64::NEG_INFINITY; PAIRS]);
@@ -88,7 +88,7 @@ fn a_violated_row_is_found_whenever_there_is_one() {
                         parts.direction[v] = -0.7 * parts.z[v];
                         parts.z[v] += parts.direction[v];
                     }
-                    parts.moved_variables(&tables, 0..NZ, 1.0);
+                    parts.moved_variables(&tables, widest, 0..NZ, 1.0);
                     x.iter_mut().for_each(|v| *v *= 0.5);
                     parts.measure_state(&tables, &x);
                     parts.centre.fill(0.0);
@@ -119,11 +119,11 @@ fn not_a_number_is_found() {
     let (n, i) = (tables.workspace_len(), tables.index_len());
     for bad in [f64::NAN, f64::INFINITY, -f64::INFINITY] {
         let mut parts = divide(&tables, &mut numbers[..n], &mut indices[..i]).unwrap();
-        parts.clear(&tables);
+        let [_, widest] = parts.clear(&tables);
         assert!(matches!(parts.price(&tables), Ok(None)));
         parts.direction[60] = bad;
         parts.z[60] += bad;
-        parts.moved_variables(&tables, 60..61, 1.0);
+        parts.moved_variables(&tables, widest, 60..61, 1.0);
         assert!(parts.price(&tables).is_err(), "{bad}");
     }
 }

@@ -2,14 +2,14 @@
 
 use super::pricing::Violated;
 use super::solve::{Solver, Stop};
-use crate::dense::dot;
+use crate::dense::long_dot;
 use crate::{Budget, Scalar};
 
 /// More rows than this share of the variables leaving at once: computing the factors is cheaper than updating them.
 const MANY: usize = 12;
 
 impl<T: Scalar> Solver<'_, '_, '_, T> {
-    /// Removes the active rows whose multiplier has the wrong sign; there are `count`.
+    /// Removes the active rows whose multiplier has the wrong sign, and their terms from the gradient; there are `count`.
     pub(super) fn leave(&mut self, count: usize) -> Result<(), Stop<T>> {
         let many = count > self.parts.z.len() / MANY;
         let mut k = 0;
@@ -22,6 +22,8 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
                 y > T::ZERO
             };
             if is_wrong {
+                let p = &mut *self.parts;
+                self.tables.data.rows.add_row(pair, -y, p.gradient);
                 self.remove(k, !many)?;
             } else {
                 k += 1;
@@ -58,12 +60,16 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
         }
     }
 
-    /// Brings violated rows in until there is none.
-    pub(super) fn fill_in(&mut self, budget: &mut Budget<'_>) -> Result<(), Stop<T>> {
+    /// Brings violated rows in until there is none. Whether there was one.
+    pub(super) fn fill_in(&mut self, budget: &mut Budget<'_>) -> Result<bool, Stop<T>> {
+        let mut any = false;
         loop {
             match self.parts.price(self.tables) {
-                Ok(None) => return Ok(()),
-                Ok(Some(row)) => self.enter(row, budget)?,
+                Ok(None) => return Ok(any),
+                Ok(Some(row)) => {
+                    self.enter(row, budget)?;
+                    any = true;
+                }
                 Err(()) => return Err(Stop::Trouble),
             }
         }
@@ -78,7 +84,7 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
             let (p, d) = (&mut *self.parts, &self.tables.data);
             let range = p.factor.solve_row(&d.rows, row.pair, p.direction);
             let window = d.rows.window(row.pair);
-            let compliance = dot(d.rows.row(row.pair), &p.direction[window.clone()]);
+            let compliance = long_dot(d.rows.row(row.pair), &p.direction[window.clone()]);
             // 0 of a row without entries: its multiplier grows, and becomes the proof.
             if !(compliance >= T::ZERO) || !compliance.is_finite() {
                 return Err(Stop::Trouble);
@@ -97,7 +103,7 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
                 let (from, to) = (at.start.max(range.start), at.end.min(range.end));
                 let slope = if from < to {
                     let g = &d.rows.row(pair)[from - at.start..to - at.start];
-                    p.stiff[pair] * sign * dot(g, &p.direction[from..to])
+                    p.stiff[pair] * sign * long_dot(g, &p.direction[from..to])
                 } else {
                     T::ZERO
                 };
@@ -133,7 +139,7 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
             {
                 *z -= t * sign * step;
             }
-            p.moved_variables(self.tables, range, t);
+            p.moved_variables(self.tables, self.state.widest, range, t);
             beyond -= t * compliance;
             multiplier += t;
             match blocking {

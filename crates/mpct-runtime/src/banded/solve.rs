@@ -21,7 +21,7 @@
 use super::tables::BandedTables;
 use super::windows::add_symmetric_product;
 use super::workspace::{Parts, State};
-use crate::dense::{all_finite, max_abs};
+use crate::dense::{all_finite, axpy, long_dot, max_abs};
 use crate::{Budget, Scalar};
 
 /// How a solve ended.
@@ -55,6 +55,17 @@ pub(crate) fn stiffness<T: Scalar>() -> T {
 pub(super) enum Stop<T> {
     Ended(Outcome<T>),
     Trouble,
+}
+
+/// What a look at the active rows found.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Residuals<T> {
+    /// `‖H z + f + Gᵀy‖_∞` over the size of its terms, the larger of the c part and the θ part.
+    stationarity: T,
+    /// Largest residual of an active row, in units of right-hand sides.
+    error: T,
+    /// Rows whose multiplier has the wrong sign.
+    leaving: usize,
 }
 
 pub(crate) struct Solver<'s, 'a, 'w, T> {
@@ -130,8 +141,13 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
             self.refactor()?;
         }
         let (mut before, mut round) = (T::INFINITY, 0);
+        let mut found = self.residuals(false);
         loop {
-            let (stationarity, error) = self.residuals();
+            let Residuals {
+                stationarity,
+                error,
+                ..
+            } = found;
             if !all_finite(&[stationarity, error]) {
                 return Err(Stop::Trouble);
             }
@@ -155,14 +171,14 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
                         return Ok(Outcome::Infeasible { radius });
                     }
                     // The proof was tried in the place of the residuals.
-                    self.residuals();
-                }
-                if is_stuck {
+                    self.residuals(false);
                     if !self.stiffen(true)? {
                         self.walk();
                     }
+                    self.residuals(false);
                 } else if self.state.is_stiff {
                     self.stiffen(false)?;
+                    self.residuals(false);
                 }
                 if round > ROUNDS {
                     return Err(Stop::Trouble);
@@ -170,8 +186,10 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
                 before = error;
             }
             self.centre();
-            self.solve_on_active(budget)?;
-            self.fill_in(budget)?;
+            found = self.solve_on_active(budget)?;
+            if self.fill_in(budget)? {
+                found = self.residuals(false);
+            }
             round += 1;
         }
     }
@@ -189,36 +207,54 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
         }
     }
 
-    /// `gradient = H z + f`, `slope` = residual of each active row. Returns ‖H z + f + Gᵀy‖_∞ over the size of its terms, the larger of
-    /// the c part and the θ part, and the largest residual in units of right-hand sides.
-    pub(super) fn residuals(&mut self) -> (T, T) {
+    /// `gradient = H z + f + Gᵀy`, `slope` = residual of each active row, `pull = ρ Gᵀ slope`: one pass over the active rows. With
+    /// `renew` their multipliers follow a movement of `z` by `direction` first.
+    ///
+    /// The new multiplier is `ȳ + ρ (slope before + G direction)`, not `ȳ + ρ (G z + V x − u)`: that would multiply the rounding of `z` by ρ.
+    pub(super) fn residuals(&mut self, renew: bool) -> Residuals<T> {
         let (p, d) = (&mut *self.parts, &self.tables.data);
         p.gradient.copy_from_slice(p.linear);
         add_symmetric_product(&d.hessian, p.z, p.gradient);
-        p.direction.copy_from_slice(p.gradient);
-        let mut error = T::ZERO;
+        p.pull.fill(T::ZERO);
+        let (mut error, mut leaving) = (T::ZERO, 0);
         for k in 0..self.state.active {
             let pair = p.active[k] as usize;
-            let value = p.value(self.tables, pair);
-            let residual = if p.side[pair] == 1 {
+            let is_upper = p.side[pair] == 1;
+            let (row, window) = (d.rows.row(pair), d.rows.window(pair));
+            if renew {
+                let residual = p.slope[k] + long_dot(row, &p.direction[window.clone()]);
+                let y = p.centre[pair] + p.stiff[pair] * residual;
+                leaving += usize::from(if is_upper { y < T::ZERO } else { y > T::ZERO });
+                p.y[pair] = y;
+            }
+            if p.of_state[pair].is_nan() {
+                p.of_state[pair] = d.rows_state.dot(pair, p.x);
+            }
+            let value = long_dot(row, &p.z[window.clone()]) + p.of_state[pair];
+            let residual = if is_upper {
                 value - d.upper[pair]
             } else {
                 value + d.lower[pair]
             };
             p.slope[k] = residual;
             error = larger(error, residual.abs() / d.scale[pair]);
-            d.rows.add_row(pair, p.y[pair], p.direction);
+            axpy(p.y[pair], row, &mut p.gradient[window.clone()]);
+            axpy(p.stiff[pair] * residual, row, &mut p.pull[window]);
         }
         let (mut left, mut size) = ([T::ZERO; 2], [T::ONE; 2]);
         for v in 0..p.z.len() {
             let part = self.tables.part(v);
-            left[part] = larger(left[part], p.direction[v].abs());
+            left[part] = larger(left[part], p.gradient[v].abs());
             let terms = p.linear[v]
                 .abs()
                 .max((p.unit[v] * p.unit[v] * p.z[v]).abs());
             size[part] = size[part].max(terms);
         }
-        (larger(left[0] / size[0], left[1] / size[1]), error)
+        Residuals {
+            stationarity: larger(left[0] / size[0], left[1] / size[1]),
+            error,
+            leaving,
+        }
     }
 
     /// ȳ = y.
@@ -241,18 +277,23 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
     }
 
     /// Solves the inner problem on the active rows; those whose multiplier has the wrong sign leave, until none has.
-    fn solve_on_active(&mut self, budget: &mut Budget<'_>) -> Result<(), Stop<T>> {
+    ///
+    /// Around ȳ = y the right-hand side is `−(gradient + pull)`. When rows have left, the multipliers of the others are still
+    /// `ȳ + ρ · residual`, so that it is what is left of the gradient without the terms of those rows.
+    fn solve_on_active(&mut self, budget: &mut Budget<'_>) -> Result<Residuals<T>, Stop<T>> {
+        let mut is_first = true;
         loop {
             self.spend(budget)?;
-            let (p, d) = (&mut *self.parts, &self.tables.data);
-            for (to, &g) in p.direction.iter_mut().zip(p.gradient.iter()) {
-                *to = -g;
+            let p = &mut *self.parts;
+            let sources = p.gradient.iter().zip(p.pull.iter());
+            for (to, (&gradient, &pull)) in p.direction.iter_mut().zip(sources) {
+                *to = if is_first {
+                    -(gradient + pull)
+                } else {
+                    -gradient
+                };
             }
-            for k in 0..self.state.active {
-                let pair = p.active[k] as usize;
-                let pull = p.centre[pair] + p.stiff[pair] * p.slope[k];
-                d.rows.add_row(pair, -pull, p.direction);
-            }
+            is_first = false;
             p.factor.solve(p.direction);
             if !max_abs(p.direction).is_finite() {
                 return Err(Stop::Trouble);
@@ -261,25 +302,12 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
                 *z += step;
             }
             let size = p.z.len();
-            p.moved_variables(self.tables, 0..size, T::ONE);
-            let mut leaving = 0;
-            for k in 0..self.state.active {
-                let pair = p.active[k] as usize;
-                let residual = p.slope[k] + d.rows.dot(pair, p.direction);
-                let y = p.centre[pair] + p.stiff[pair] * residual;
-                p.y[pair] = y;
-                let is_wrong = if p.side[pair] == 1 {
-                    y < T::ZERO
-                } else {
-                    y > T::ZERO
-                };
-                leaving += usize::from(is_wrong);
+            p.moved_variables(self.tables, self.state.widest, 0..size, T::ONE);
+            let found = self.residuals(true);
+            if found.leaving == 0 {
+                return Ok(found);
             }
-            if leaving == 0 {
-                return Ok(());
-            }
-            self.leave(leaving)?;
-            self.residuals();
+            self.leave(found.leaving)?;
         }
     }
 

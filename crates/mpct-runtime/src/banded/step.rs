@@ -117,7 +117,7 @@ where
     pub fn reset(&mut self, tables: &BandedTables<'_, T>) {
         self.state = State::new();
         if let Some(mut parts) = divide(tables, self.numbers.as_mut(), self.indices.as_mut()) {
-            self.state.longest = parts.clear(tables);
+            [self.state.longest, self.state.widest] = parts.clear(tables);
             self.state.sizes = sizes(tables);
         }
     }

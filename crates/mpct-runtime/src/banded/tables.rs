@@ -262,9 +262,15 @@ impl<'a, T: Scalar> BandedTables<'a, T> {
         self.data.groups[group] as usize..self.data.groups[group + 1] as usize
     }
 
-    /// What the rows of a group touch: variables, states.
+    /// What the rows of a group touch: variables, states. The first variables of groups never descend.
     pub(crate) fn spans_of(&self, group: usize) -> [Range<usize>; 2] {
         let mut spans = [0..0, 0..0];
+        if let Some(first) = self.data.groups.get(group)
+            && (*first as usize) < self.pairs()
+        {
+            let first = self.data.rows.window(*first as usize).start;
+            spans[0] = first..first;
+        }
         for pair in self.pairs_of(group) {
             let windows = [
                 self.data.rows.window(pair),
@@ -323,7 +329,7 @@ impl<'a, T: Scalar> BandedTables<'a, T> {
         self.factor
     }
 
-    /// Numbers a controller needs: `factor + 9 nz + 2 ⌈max(nz, n)/8⌉ + n + nr + m + 9 pairs + 6 groups + weights`, a weight for c and
+    /// Numbers a controller needs: `factor + 10 nz + 2 ⌈max(nz, n)/8⌉ + n + nr + m + 9 pairs + 6 groups + weights`, a weight for c and
     /// one for θ of every block of 8 variables and one of every block of 8 states that the rows of a group touch; see [`super`].
     pub fn workspace_len(&self) -> usize {
         super::workspace::numbers(self)

@@ -3,7 +3,7 @@
 //! With variables in the order of the subsystems, what a row of the problem touches lies close together: a window. Inside
 //! of a window everything is contiguous, so products are those of dense vectors, and no column index is read.
 
-use crate::dense::{axpy, dot};
+use crate::dense::{axpy, long_dot};
 use crate::{Scalar, TableError};
 use core::ops::Range;
 
@@ -109,7 +109,7 @@ impl<'a, T: Scalar> Windows<'a, T> {
     /// Row `row` times `x`. Panics when the row does not exist or `x` has fewer entries than there are columns.
     #[inline(always)]
     pub fn dot(&self, row: usize, x: &[T]) -> T {
-        dot(self.row(row), &x[self.window(row)])
+        long_dot(self.row(row), &x[self.window(row)])
     }
 
     /// `out += s ·` row `row`.
@@ -134,7 +134,7 @@ pub(crate) fn add_symmetric_product<T: Scalar>(h: &Windows<'_, T>, x: &[T], out:
             continue;
         };
         let after = v + 1..v + row.len();
-        out[v] += diagonal * x[v] + dot(rest, &x[after.clone()]);
+        out[v] += diagonal * x[v] + long_dot(rest, &x[after.clone()]);
         axpy(x[v], rest, &mut out[after]);
     }
 }

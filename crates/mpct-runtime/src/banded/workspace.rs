@@ -18,6 +18,8 @@ pub(crate) struct State<T> {
     pub refined: u32,
     /// Longest window of a row.
     pub longest: usize,
+    /// Longest span of variables of a group.
+    pub widest: usize,
     /// The sizes of the tables that the memory was divided for.
     pub sizes: [usize; 8],
     /// Some rows are stiffer than usual.
@@ -41,6 +43,7 @@ impl<T: Scalar> State<T> {
             changes: None,
             refined: 0,
             longest: 0,
+            widest: 0,
             sizes: [0; 8],
             is_stiff: false,
             has_plan: false,
@@ -57,14 +60,18 @@ impl<T: Scalar> State<T> {
 #[derive(Debug)]
 pub(crate) struct Parts<'w, T> {
     pub factor: Factor<'w, T>,
+    /// The neighbourhood of groups that is being worked on.
+    pub turn: usize,
     pub z: &'w mut [T],
     pub plan: &'w mut [T],
     /// f.
     pub linear: &'w mut [T],
     /// F_r r.
     pub linear_set_point: &'w mut [T],
-    /// H z + f.
+    /// H z + f + Gᵀy.
     pub gradient: &'w mut [T],
+    /// ρ Gᵀ times the residuals of the active rows.
+    pub pull: &'w mut [T],
     pub direction: &'w mut [T],
     /// Zero between uses.
     pub scratch: &'w mut [T],
@@ -120,7 +127,7 @@ fn moving_blocks<T: Scalar>(tables: &BandedTables<'_, T>) -> usize {
 
 pub(crate) fn numbers<T: Scalar>(tables: &BandedTables<'_, T>) -> usize {
     tables.factor_entries()
-        + 9 * tables.variables()
+        + 10 * tables.variables()
         + 2 * moving_blocks(tables)
         + tables.states()
         + tables.set_point()
@@ -169,6 +176,7 @@ pub(crate) fn divide<'w, T: Scalar>(
         head
     };
     Some(Parts {
+        turn: 0,
         factor: Factor {
             end: indices(nz),
             start: indices(nz + 1),
@@ -180,6 +188,7 @@ pub(crate) fn divide<'w, T: Scalar>(
         linear: numbers(nz),
         linear_set_point: numbers(nz),
         gradient: numbers(nz),
+        pull: numbers(nz),
         direction: numbers(nz),
         scratch: numbers(nz),
         unit: numbers(nz),
@@ -217,20 +226,21 @@ pub(crate) fn divide<'w, T: Scalar>(
 }
 
 impl<T: Scalar> Parts<'_, T> {
-    /// What depends on the tables alone, and an empty memory. Returns the longest window of a row.
-    pub fn clear(&mut self, tables: &BandedTables<'_, T>) -> usize {
+    /// What depends on the tables alone, and an empty memory. Returns the longest window of a row and the longest span of a group.
+    pub fn clear(&mut self, tables: &BandedTables<'_, T>) -> [usize; 2] {
         let d = &tables.data;
         self.factor.shape(tables);
         for v in 0..tables.variables() {
             self.unit[v] = d.hessian.row(v)[0].sqrt_core();
         }
-        let longest = self.weigh(tables);
+        let lengths = self.weigh(tables);
         for vector in [
             &mut self.z,
             &mut self.plan,
             &mut self.linear,
             &mut self.linear_set_point,
             &mut self.gradient,
+            &mut self.pull,
             &mut self.direction,
             &mut self.scratch,
             &mut self.x,
@@ -249,6 +259,6 @@ impl<T: Scalar> Parts<'_, T> {
         self.of_state.fill(T::NAN);
         self.key.fill(-T::INFINITY);
         self.path.iter_mut().for_each(|path| path.fill(T::ZERO));
-        longest
+        lengths
     }
 }
