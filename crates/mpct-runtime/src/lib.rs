@@ -12,6 +12,7 @@
 //! # The way
 //!
 //! 1. [`prepare`] factors `H` and scales the rows: once, into one slice of numbers. Export it, or convert it with [`cast_tables`].
+//!    Small problems may add [`prepare_gram`]: jumps of the set-point then take half the time or less.
 //! 2. [`Workspace::new`] divides caller-provided memory; [`Controller::new`] joins the two.
 //! 3. [`Controller::step`] solves at every sampling instant, within a [`Budget`], and never leaves without a feasible input when one is
 //!    known: see [`StepStatus`] and [`StepError`].
@@ -19,13 +20,15 @@
 //!
 //! The method is the dual active-set method of Goldfarb and Idnani (Mathematical Programming 27, 1983) with factors of the Gram matrix of the
 //! working set, as in Arnström, Bemporad and Axehill (IEEE Transactions on Automatic Control 67, 2022).
-//! The Lipschitz bounds that spare most rows their evaluation are explained in `pricing.rs`.
+//! The Lipschitz bounds that spare most rows their evaluation are explained in `pricing.rs`, the products of rows with which small problems
+//! find their working set in `gram.rs` and `walk.rs`.
 //!
 //! # Memory, in numbers of the chosen type
 //!
 //! | | numbers | access |
 //! |---|---|---|
 //! | tables | `nz² + nz(nz+1)/2 + nz(n+nr) + rows(nz+n+4) + 3 blocks + m(n+m+input_rows)`, `blocks = ⌈rows/16⌉` | read only, may lie in flash |
+//! | products of rows, may follow the tables | `units (1 + n + nz + m + units)`, `units` as below | read only, may lie in flash |
 //! | workspace | `nz² + nz(nz−1)/2 + 16 nz + 2 rows + blocks + 2 n + nr + m + 1`, and `2 nz + 1` indices of 4 bytes | read and write |
 //!
 //! # Work, in multiply-adds, with `k ≤ nz` active rows
@@ -42,6 +45,8 @@
 //! | pricing: bounds of groups of rows | `3 blocks` | per pass |
 //! | pricing: rows of groups that are not ruled out | `units (nz + n + 3)`; a few rows in a quiet loop | per pass; passes ≤ iterations + 4 |
 //! | pricing: rows that the last pass found violated | `32 nz` | per iteration |
+//! | with products of rows, after a jump: residuals of all rows | `units (n + m + k)`, or `units (n + nz + k)` when the linear term speaks of `c` too | once |
+//! | with products of rows: one iteration | `units (k + 3) + 2 k²` in place of the above, and no pass over the rows where rounding is within bounds | per iteration |
 //! | checking the candidate | `rows (3 nz + 2 n)` | only when cut short |
 //!
 //! Bytes touched: the numbers of tables and workspace that these products read, each once per product; at most all tables and all of the

@@ -3,26 +3,27 @@
 //! Tables are read only and may lie in flash; the workspace is RAM. Beside these a controller needs its own struct and the stack of
 //! one step, which holds no array.
 
-use mpct::runtime::{Controller as Target, Dims};
+use mpct::runtime::{Controller as Target, Dims, Tables};
 use mpct::{Controller, DesignOptions, TerminalIngredients, cases};
 use std::error::Error;
 use std::mem::size_of;
 
-fn line(name: &str, number: &str, dims: Dims, size: usize, itself: usize) {
+fn line(name: &str, number: &str, dims: Dims, products: usize, size: usize, itself: usize) {
     println!(
-        "| {name} | {} × {} | {number} | {} | {} | {itself} |",
+        "| {name} | {} × {} | {number} | {} | {} | {} | {itself} |",
         dims.variables(),
         dims.rows,
         dims.tables_len() * size,
+        products * size,
         dims.workspace_len() * size + dims.index_len() * size_of::<u32>(),
     );
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
     println!(
-        "| problem | variables × rows | numbers | flash: tables | RAM: workspace | RAM: controller (here) |"
+        "| problem | variables × rows | numbers | flash: tables | flash: products of rows, if wanted | RAM: workspace | RAM: controller (here) |"
     );
-    println!("|---|---|---|---|---|---|");
+    println!("|---|---|---|---|---|---|---|");
     let mut problems = vec![("academic".to_string(), cases::academic().problem)];
     for scaling in [0.9, 0.99] {
         let problem = cases::drone().problem.with_scaling(scaling)?;
@@ -31,11 +32,13 @@ fn main() -> Result<(), Box<dyn Error>> {
     for (name, problem) in problems {
         let ingredients = TerminalIngredients::design(&problem, &DesignOptions::default())?;
         let desk = Controller::new(ingredients)?;
-        let (dims, _) = desk.runtime_tables().ok_or("no tables")?;
+        let (dims, numbers) = desk.runtime_tables().ok_or("no tables")?;
+        let products = Tables::from_slice(dims, numbers)?.gram_len();
         line(
             &name,
             "f32",
             dims,
+            products,
             size_of::<f32>(),
             size_of::<Target<'_, f32>>(),
         );
@@ -43,6 +46,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             &name,
             "f64",
             dims,
+            products,
             size_of::<f64>(),
             size_of::<Target<'_, f64>>(),
         );

@@ -41,6 +41,10 @@ const WORN: u32 = 2000;
 /// A round that leaves more than this part of the residual of the active rows made no progress.
 const PROGRESS: f64 = 0.3;
 
+/// Rows that should be active and are this many right-hand sides away belong to another world, such as a state of 1e300 at the last step: what it
+/// left behind would round away everything.
+const ABSURD: f64 = 1e8;
+
 /// ρ, in units of D^(1/2): rows have about length 1 there. Smaller, and there are more rounds; larger, and rounding of `ρ · residual` shows in
 /// the multipliers.
 pub(crate) fn stiffness<T: Scalar>() -> T {
@@ -142,6 +146,11 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
         }
         let (mut before, mut round) = (T::INFINITY, 0);
         let mut found = self.residuals(false);
+        if !(found.error < T::from_f64(ABSURD)) {
+            self.forget();
+            self.refactor()?;
+            found = self.residuals(false);
+        }
         loop {
             let Residuals {
                 stationarity,
