@@ -395,3 +395,34 @@ fn checks_find_what_they_name() {
         assert!(owned.tables().unwrap().check_values().is_err(), "value {k}");
     }
 }
+
+/// The step after a state of 1e300 answers as a controller does that never saw it: what such a state leaves behind, numbers of 1e299, would
+/// round away everything.
+#[test]
+fn a_state_beyond_all_numbers_leaves_nothing_behind() {
+    let mut random = Lcg(41);
+    let (mut optimal, mut proved) = (0, 0);
+    for seed in 0..400 {
+        let kind = Kind::random(&mut random, 60);
+        let state = [0.2, 1.0, 5.0, 50.0][random.below(4)];
+        let case = Case::random(&mut random, kind);
+        let owned = Owned::<f64>::new(&case);
+        let tables = owned.tables().unwrap();
+        let (mut old, mut walk) = (judge::controller(&tables), Walk::new(&case));
+        for _ in 0..4 {
+            walk.advance(&mut random, &case, 10.0, state, 4);
+            let _ = old.step(&tables, &walk.x, &walk.r, Budget::unlimited());
+            let mut x = walk.x.clone();
+            x[random.below(case.n)] = [1e300, -1e200, 1e30, 1e12][random.below(4)];
+            let _ = old.step(&tables, &x, &walk.r, Budget::unlimited());
+            let [after, fresh] = [&mut old, &mut judge::controller(&tables)].map(|c| {
+                let at = (walk.x.as_slice(), walk.r.as_slice());
+                judge::step(&case, &tables, c, at, Budget::unlimited(), false)
+            });
+            assert_eq!(after, fresh, "problem {seed}");
+            optimal += usize::from(after == Answer::Optimal);
+            proved += usize::from(after == Answer::Infeasible);
+        }
+    }
+    assert!(optimal > 300 && proved > 20, "{optimal} {proved}");
+}
