@@ -38,6 +38,8 @@ CASES = [
     ("carts:200", 0.9, 200, 100),
     ("carts:1000", 0.9, 40, 20),
 ]
+# A pass over a small problem takes milliseconds, and the machine's moods last for seconds: so many times more passes.
+SMALL = 40
 # Carts beyond which no rival is asked: the dense rows alone take 3.5 GB at 1 000.
 RIVALS_UP_TO = 200
 # A set-point's theta is drawn within this share of what each row of Theta allows alone: beyond lambda, so that some are not admissible.
@@ -78,23 +80,32 @@ def answers(pipe, rival, c, s, loop, repetitions, cap):
     try:
         data = [(c.Fx @ x + c.Fr @ r, 1.0 - c.W @ x, x, r) for x, r in loop["programs"]]
         solver = rival(c, s, data[0][0], data[0][1])
-        started = time.perf_counter()
+        started = last = time.perf_counter()
+
+        def is_over():
+            # Another pass as long as the last one would take more than half of the time.
+            nonlocal last
+            now = time.perf_counter()
+            before, last = last, now
+            return 2 * now - before - started > cap / 2
+
         for repetition in range(repetitions):
             for k, (f, b, x, r) in enumerate(data):
                 z, y, solved, seconds, iterations = solver.solve(f, b, x, r)
                 first = repetition == 0
                 pipe.send(("warm", k, seconds, z if first else None, y if first else None, bool(solved), int(iterations)))
-            if time.perf_counter() - started > cap / (2 * repetitions):
+            if is_over():
                 break
         pipe.send(("warm done",))
         if not rival.always_cold:
+            started = last = time.perf_counter()
             for repetition in range(repetitions):
                 for k in loop["cold"]:
                     f, b, x, r = data[k]
                     solver.forget()
                     _, _, solved, seconds, iterations = solver.solve(f, b, x, r)
                     pipe.send(("cold", k, seconds, None, None, bool(solved), int(iterations)))
-                if time.perf_counter() - started > cap / 2:
+                if is_over():
                     break
         pipe.send(("done",))
     except Exception as error:  # noqa: BLE001 — reported in the table, not hidden
@@ -155,12 +166,12 @@ def judge(c, loop, found: dict) -> None:
             found["residual"] = np.nan
 
 
-def own(arguments, file: Path, d, p, steps: int, period: int, folder: Path) -> dict:
+def own(arguments, repetitions: int, file: Path, d, p, steps: int, period: int, folder: Path) -> dict:
     """mpct's loop and times."""
     jumps, out = folder / "schedule.csv", folder / "steps.csv"
     table = schedule(p, d, steps, period)
     np.savetxt(jumps, table, delimiter=",", fmt=["%d"] + ["%.17g"] * p.n)
-    command = [str(arguments.example), str(file), str(jumps), str(steps), str(arguments.repetitions), str(out)]
+    command = [str(arguments.example), str(file), str(jumps), str(steps), str(repetitions), str(out)]
     told = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
     lines = [line.split(",") for line in out.read_text().splitlines()]
     numbers = np.array([[float(v) if v else np.nan for v in line] for line in lines])
@@ -224,7 +235,7 @@ def main() -> None:
         "| problem | variables × rows | solver | mean | median | p99 | worst | cold: mean | worst | iterations: mean / most | "
         "steps | not solved | violation | KKT residual | input apart | note |"
     )
-    lines, summary, results = [head, "|" + "---|" * 16], [], []
+    lines, summary, results, sizes = [head, "|" + "---|" * 16], [], [], []
     print(head)
     for case, scaling, steps, period in CASES:
         name, _, count = case.partition(":")
@@ -236,6 +247,7 @@ def main() -> None:
                 continue
             steps, period, arguments.cap = max(40, steps // 5), max(20, period // 3), min(arguments.cap, 10.0)
         steps = min(steps, arguments.steps or steps)
+        repetitions = arguments.repetitions * (1 if count else SMALL)
         with tempfile.TemporaryDirectory() as folder:
             command = [str(arguments.mpct), "example", name] + (["--count", count] if count else [])
             text = subprocess.run(command, check=True, capture_output=True, text=True).stdout
@@ -244,8 +256,10 @@ def main() -> None:
             p = problem_file.read(file)
             out = subprocess.run([arguments.mpct, "design", "--json", file], check=True, capture_output=True, text=True)
             d = programs.Design(p, json.loads(out.stdout))
-            loop = own(arguments, file, d, p, steps, period, Path(folder))
+            loop = own(arguments, repetitions, file, d, p, steps, period, Path(folder))
         numbers, told = loop["numbers"], loop["told"]
+        if count:
+            sizes.append((int(count), numbers))
         size = f"{told['variables']} × {told['rows']}"
         is_alone = bool(count) and int(count) > RIVALS_UP_TO
         if is_alone:
@@ -258,7 +272,7 @@ def main() -> None:
                 break
             if arguments.rivals and rival.name not in arguments.rivals.split(","):
                 continue
-            found.append(measure(rival, c, s, loop, arguments.repetitions, arguments.cap))
+            found.append(measure(rival, c, s, loop, repetitions, arguments.cap))
             judge(c, loop, found[-1])
         # The reference of a step: DAQP with tight tolerances, or the rival's answer with the smallest residual, if that is small.
         reference = {}
@@ -316,8 +330,8 @@ def main() -> None:
 {minutes:.0f} minutes. Machine: {machine()}.
 
 Microseconds. Every solver gets the same states and set-points, those of the closed loop of mpct, with set-points that jump every
-40 (academic), 150 (drone) or 100 (carts) steps to where many inputs saturate. A step's time is the smallest of {arguments.repetitions} passes, for mpct and rivals
-alike, so that other programs on the machine count less; a rival that is slow has fewer passes, and is stopped after {arguments.cap:.0f} s. mpct, runtime:
+40 (academic), 150 (drone) or 100 (carts) steps to where many inputs saturate. A step's time is the smallest of {arguments.repetitions} passes ({SMALL * arguments.repetitions} for the small problems,
+whose passes take milliseconds), for mpct and rivals alike, so that other programs on the machine count less; a rival that is slow has fewer passes, and is stopped after {arguments.cap:.0f} s. mpct, runtime:
 the whole step of `mpct_runtime` from (x, set-point) to u; desk: `Controller::step`, which also checks the answer, says whether the
 set-point is admissible, and predicts. Rivals: what they report, from linear term and right-hand side to z; what is inside is said in
 `rivals.py` (DAQP: its iterations alone). Cold: the steps of jumps and the two after, from nothing. Violation: largest
@@ -334,7 +348,7 @@ The best rival is the one with the smallest mean, among those that solved every 
 {chr(10).join(summary)}
 
 ![Mean and worst step](closed_loop.svg)
-
+{growth(sizes)}
 ## All numbers
 
 {chr(10).join(lines)}
@@ -342,6 +356,33 @@ The best rival is the one with the smallest mean, among those that solved every 
     RESULTS.mkdir(exist_ok=True)
     (RESULTS / "closed_loop.md").write_text(text)
     plot(results, RESULTS / "closed_loop.svg")
+
+
+def growth(cases: list[tuple[int, np.ndarray]]) -> str:
+    """How a step of mpct's runtime grows with the number of carts: a table, and the exponents between neighbours in it."""
+    if len(cases) < 2:
+        return ""
+    lines = []
+    for at, (carts, numbers) in enumerate(cases):
+        t = 1e-3 * numbers[:, 0]
+        jump = int(np.argmax(t))
+        cells = [np.median(t), np.median(t) / carts, 1e-3 * t[jump], t[jump] / carts, numbers[jump, 4] / carts]
+        powers = ["", ""]
+        if at > 0:
+            before, theirs = cases[at - 1][0], 1e-3 * cases[at - 1][1][:, 0]
+            step = np.log(carts / before)
+            powers = [f"{np.log(np.median(t) / np.median(theirs)) / step:.2f}", f"{np.log(t.max() / theirs.max()) / step:.2f}"]
+        lines.append(f"| {carts} | " + " | ".join(f"{c:.3g}" for c in cells) + " | " + " | ".join(powers) + " |")
+    return f"""
+## Growth with the number of carts
+
+mpct, runtime. The exponent is that of the time against the number of carts, from one line to the next: 1 is linear. Changes of the working set per cart
+and the columns each one touches do not grow; what remains beyond 1 is the memory, whose tables leave one cache after another.
+
+| carts | median step, µs | per cart, µs | worst step (a jump), ms | per cart, µs | its iterations per cart | exponent: median | worst |
+|{"---|" * 8}
+{chr(10).join(lines)}
+"""
 
 
 def ratios(label: str, loop: dict, numbers, found: list[dict]) -> str:
