@@ -301,7 +301,7 @@ class RuntimeTables:
     workspace_len, index_len : int
         Floats and indices of memory that the runtime needs.
     numbers : ndarray
-        The tables.
+        The tables; for small problems followed by the products of their rows.
     """
 
     states: int

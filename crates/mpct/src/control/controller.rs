@@ -243,7 +243,8 @@ impl Controller {
 
     /// The tables of the online program and their sizes, for a controller of [`crate::runtime`] that runs without the desk: the state and
     /// the set-point (state, then input) in shifted coordinates, x − x_op, and the input likewise. `None` for plants of many subsystems and
-    /// with ellipsoids: their programs are not dense quadratic ones.
+    /// with ellipsoids: their programs are not dense quadratic ones. Where they take no more than 8 000 numbers, the products of rows
+    /// ([`prepare_gram`](mpct_runtime::prepare_gram)) follow the tables.
     ///
     /// ```
     /// # use mpct::{cases, Controller, DesignOptions, SetPoint, TerminalIngredients};
