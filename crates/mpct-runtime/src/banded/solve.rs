@@ -21,7 +21,7 @@
 use super::tables::BandedTables;
 use super::windows::add_symmetric_product;
 use super::workspace::{Parts, State};
-use crate::dense::{all_finite, axpy, long_dot, max_abs};
+use crate::dense::{all_finite, axpy, dot, long_dot, max_abs};
 use crate::{Budget, Scalar};
 
 /// How a solve ended.
@@ -70,6 +70,19 @@ pub(super) struct Residuals<T> {
     error: T,
     /// Rows whose multiplier has the wrong sign.
     leaving: usize,
+    /// Whether the residuals come from `z` itself and not from its movements.
+    is_fresh: bool,
+}
+
+/// Where the residuals of the active rows come from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Look {
+    /// From `z`. The multipliers stay.
+    At,
+    /// From `z`, after it moved by `direction`: the multipliers follow.
+    After,
+    /// From those before and `direction`: enough to go on with. The multipliers follow.
+    Along,
 }
 
 pub(crate) struct Solver<'s, 'a, 'w, T> {
@@ -83,7 +96,21 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
     /// Loads a measured state and a set-point.
     pub fn load(&mut self, x: &[T], r: &[T]) {
         let (p, d) = (&mut *self.parts, &self.tables.data);
+        // What is known of the active rows at the end of the last step moves with the state.
+        let active = if self.state.is_settled {
+            self.state.active
+        } else {
+            0
+        };
+        for k in 0..active {
+            p.slope[k] -= p.of_state[p.active[k] as usize];
+        }
         p.measure_state(self.tables, x);
+        for k in 0..active {
+            let pair = p.active[k] as usize;
+            p.of_state[pair] = d.rows_state.dot(pair, p.x);
+            p.slope[k] += p.of_state[pair];
+        }
         let mut is_new = self.state.is_fresh;
         for (own, &at) in p.r.iter_mut().zip(d.set_point_order) {
             let new = r[at as usize];
@@ -94,8 +121,12 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
             p.linear_set_point.fill(T::ZERO);
             d.linear_set_point.add_product(p.r, p.linear_set_point);
         }
-        p.linear.copy_from_slice(p.linear_set_point);
-        d.linear_state.add_product(p.x, p.linear);
+        p.direction.copy_from_slice(p.linear_set_point);
+        d.linear_state.add_product(p.x, p.direction);
+        for (v, &new) in p.direction.iter().enumerate() {
+            p.gradient[v] += new - p.linear[v];
+            p.linear[v] = new;
+        }
         self.state.is_fresh = false;
         self.state.has_proof = false;
     }
@@ -132,6 +163,7 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
         self.state.centred = 0;
         self.state.changes = None;
         self.state.is_stiff = false;
+        self.state.is_settled = false;
     }
 
     fn run(&mut self, budget: &mut Budget<'_>) -> Result<Outcome<T>, Stop<T>> {
@@ -145,16 +177,23 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
             self.refactor()?;
         }
         let (mut before, mut round) = (T::INFINITY, 0);
-        let mut found = self.residuals(false);
+        let mut found = if self.state.is_settled {
+            self.summary(true)
+        } else {
+            self.residuals(Look::At)
+        };
+        self.state.is_settled = false;
+        self.state.has_pull = false;
         if !(found.error < T::from_f64(ABSURD)) {
             self.forget();
             self.refactor()?;
-            found = self.residuals(false);
+            found = self.residuals(Look::At);
         }
         loop {
             let Residuals {
                 stationarity,
                 error,
+                is_fresh,
                 ..
             } = found;
             if !all_finite(&[stationarity, error]) {
@@ -167,7 +206,12 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
                 let is_usable = is_stuck
                     && stationarity <= T::PRIMAL
                     && (error <= T::PRIMAL || self.is_rounding());
+                if (is_exact || is_usable) && !is_fresh {
+                    found = self.residuals(Look::At);
+                    continue;
+                }
                 if is_exact || is_usable {
+                    self.state.is_settled = true;
                     self.state.stationarity = stationarity;
                     self.state.violation = error;
                     return Ok(Outcome::Optimal);
@@ -180,14 +224,14 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
                         return Ok(Outcome::Infeasible { radius });
                     }
                     // The proof was tried in the place of the residuals.
-                    self.residuals(false);
+                    self.residuals(Look::At);
                     if !self.stiffen(true)? {
                         self.walk();
                     }
-                    self.residuals(false);
+                    self.residuals(Look::At);
                 } else if self.state.is_stiff {
                     self.stiffen(false)?;
-                    self.residuals(false);
+                    self.residuals(Look::At);
                 }
                 if round > ROUNDS {
                     return Err(Stop::Trouble);
@@ -195,9 +239,11 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
                 before = error;
             }
             self.centre();
-            found = self.solve_on_active(budget)?;
+            // The first round leaves about 1e-4 of the residuals: too much to look closely.
+            let look = if round == 0 { Look::Along } else { Look::After };
+            found = self.solve_on_active(look, budget)?;
             if self.fill_in(budget)? {
-                found = self.residuals(false);
+                found = self.residuals(Look::At);
             }
             round += 1;
         }
@@ -216,39 +262,55 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
         }
     }
 
-    /// `gradient = H z + f + Gᵀy`, `slope` = residual of each active row, `pull = ρ Gᵀ slope`: one pass over the active rows. With
-    /// `renew` their multipliers follow a movement of `z` by `direction` first.
+    /// `gradient = H z + f + Gᵀy` and `slope` = residual of each active row, in one pass over these; with [`Look::Along`] also `pull`.
     ///
     /// The new multiplier is `ȳ + ρ (slope before + G direction)`, not `ȳ + ρ (G z + V x − u)`: that would multiply the rounding of `z` by ρ.
-    pub(super) fn residuals(&mut self, renew: bool) -> Residuals<T> {
+    pub(super) fn residuals(&mut self, look: Look) -> Residuals<T> {
         let (p, d) = (&mut *self.parts, &self.tables.data);
         p.gradient.copy_from_slice(p.linear);
         add_symmetric_product(&d.hessian, p.z, p.gradient);
-        p.pull.fill(T::ZERO);
-        let (mut error, mut leaving) = (T::ZERO, 0);
+        self.state.has_pull = look == Look::Along;
+        if look == Look::Along {
+            p.pull.fill(T::ZERO);
+        }
+        let mut leaving = 0;
         for k in 0..self.state.active {
             let pair = p.active[k] as usize;
             let is_upper = p.side[pair] == 1;
             let (row, window) = (d.rows.row(pair), d.rows.window(pair));
-            if renew {
-                let residual = p.slope[k] + long_dot(row, &p.direction[window.clone()]);
-                let y = p.centre[pair] + p.stiff[pair] * residual;
+            if look != Look::At {
+                p.slope[k] += long_dot(row, &p.direction[window.clone()]);
+                let y = p.centre[pair] + p.stiff[pair] * p.slope[k];
                 leaving += usize::from(if is_upper { y < T::ZERO } else { y > T::ZERO });
                 p.y[pair] = y;
+            }
+            axpy(p.y[pair], row, &mut p.gradient[window.clone()]);
+            if look == Look::Along {
+                axpy(p.stiff[pair] * p.slope[k], row, &mut p.pull[window]);
+                continue;
             }
             if p.of_state[pair].is_nan() {
                 p.of_state[pair] = d.rows_state.dot(pair, p.x);
             }
-            let value = long_dot(row, &p.z[window.clone()]) + p.of_state[pair];
-            let residual = if is_upper {
+            let value = long_dot(row, &p.z[window]) + p.of_state[pair];
+            p.slope[k] = if is_upper {
                 value - d.upper[pair]
             } else {
                 value + d.lower[pair]
             };
-            p.slope[k] = residual;
-            error = larger(error, residual.abs() / d.scale[pair]);
-            axpy(p.y[pair], row, &mut p.gradient[window.clone()]);
-            axpy(p.stiff[pair] * residual, row, &mut p.pull[window]);
+        }
+        Residuals {
+            leaving,
+            ..self.summary(look != Look::Along || self.state.active == 0)
+        }
+    }
+
+    /// The sizes of what `gradient` and `slope` hold.
+    fn summary(&self, is_fresh: bool) -> Residuals<T> {
+        let (p, d) = (&*self.parts, &self.tables.data);
+        let mut error = T::ZERO;
+        for (&pair, &residual) in p.active[..self.state.active].iter().zip(p.slope.iter()) {
+            error = larger(error, residual.abs() / d.scale[pair as usize]);
         }
         let (mut left, mut size) = ([T::ZERO; 2], [T::ONE; 2]);
         for v in 0..p.z.len() {
@@ -262,8 +324,39 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
         Residuals {
             stationarity: larger(left[0] / size[0], left[1] / size[1]),
             error,
-            leaving,
+            leaving: 0,
+            is_fresh,
         }
+    }
+
+    /// `½ zᵀHz + fᵀz` at an optimum, without a product with H: `Hz + f` is `gradient` less `Gᵀy`, and `G z` is known.
+    pub fn cost(&self) -> T {
+        let (p, d) = (&*self.parts, &self.tables.data);
+        let mut sum = dot(p.z, p.gradient) + dot(p.z, p.linear);
+        for (&pair, &residual) in p.active[..self.state.active].iter().zip(p.slope.iter()) {
+            let pair = pair as usize;
+            let bound = if p.side[pair] == 1 {
+                d.upper[pair]
+            } else {
+                -d.lower[pair]
+            };
+            sum -= p.y[pair] * (residual + bound - p.of_state[pair]);
+        }
+        T::HALF * sum
+    }
+
+    /// `pull = ρ Gᵀ slope`, unless it is known.
+    fn pull(&mut self) {
+        if self.state.has_pull {
+            return;
+        }
+        let (p, d) = (&mut *self.parts, &self.tables.data);
+        p.pull.fill(T::ZERO);
+        for (&pair, &residual) in p.active[..self.state.active].iter().zip(p.slope.iter()) {
+            let pair = pair as usize;
+            d.rows.add_row(pair, p.stiff[pair] * residual, p.pull);
+        }
+        self.state.has_pull = true;
     }
 
     /// ȳ = y.
@@ -289,8 +382,13 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
     ///
     /// Around ȳ = y the right-hand side is `−(gradient + pull)`. When rows have left, the multipliers of the others are still
     /// `ȳ + ρ · residual`, so that it is what is left of the gradient without the terms of those rows.
-    fn solve_on_active(&mut self, budget: &mut Budget<'_>) -> Result<Residuals<T>, Stop<T>> {
+    fn solve_on_active(
+        &mut self,
+        look: Look,
+        budget: &mut Budget<'_>,
+    ) -> Result<Residuals<T>, Stop<T>> {
         let mut is_first = true;
+        self.pull();
         loop {
             self.spend(budget)?;
             let p = &mut *self.parts;
@@ -312,7 +410,7 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
             }
             let size = p.z.len();
             p.moved_variables(self.tables, self.state.widest, 0..size, T::ONE);
-            let found = self.residuals(true);
+            let found = self.residuals(look);
             if found.leaving == 0 {
                 return Ok(found);
             }

@@ -187,6 +187,7 @@ where
         let iterations = solver.iterations;
         let why = match outcome {
             Outcome::Optimal => {
+                let cost = solver.cost();
                 parts.plan.copy_from_slice(parts.z);
                 (state.has_plan, state.is_optimum) = (true, true);
                 let (violation, stationarity) = (state.violation, state.stationarity);
@@ -194,6 +195,7 @@ where
                     tables,
                     parts,
                     StepStatus::Optimal,
+                    cost,
                     iterations,
                     violation,
                     stationarity,
@@ -208,10 +210,12 @@ where
             return Err(StepError::NoCandidate { why });
         }
         let violation = fall_back(tables, &mut parts, why);
+        let cost = cost_of_plan(tables, &mut parts);
         Ok(report(
             tables,
             parts,
             StepStatus::Candidate(why),
+            cost,
             iterations,
             violation,
             T::INFINITY,
@@ -348,27 +352,26 @@ fn fall_back<T: Scalar>(tables: &BandedTables<'_, T>, parts: &mut Parts<'_, T>, 
     violation
 }
 
-/// Input and cost of the plan.
+/// `½ zᵀHz + fᵀz` of the plan.
+fn cost_of_plan<T: Scalar>(tables: &BandedTables<'_, T>, parts: &mut Parts<'_, T>) -> T {
+    let hessian = &tables.data.hessian;
+    parts.direction.copy_from_slice(parts.linear);
+    super::windows::add_symmetric_product(hessian, parts.plan, parts.direction);
+    T::HALF * (dot(parts.plan, parts.direction) + dot(parts.plan, parts.linear))
+}
+
+/// The input of the plan.
 fn report<'w, T: Scalar>(
     tables: &BandedTables<'_, T>,
     parts: Parts<'w, T>,
     status: StepStatus,
+    cost: T,
     iterations: u32,
     violation: T,
     stationarity: T,
 ) -> BandedStep<'w, T> {
     let d = &tables.data;
-    let Parts {
-        plan,
-        x,
-        linear,
-        gradient,
-        input,
-        ..
-    } = parts;
-    gradient.copy_from_slice(linear);
-    super::windows::add_symmetric_product(&d.hessian, plan, gradient);
-    let cost = T::HALF * (dot(plan, gradient) + dot(plan, linear));
+    let Parts { plan, x, input, .. } = parts;
     input.fill(T::ZERO);
     d.gain.add_product(x, input);
     d.first_input.add_product(plan, input);

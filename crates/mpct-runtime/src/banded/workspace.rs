@@ -24,6 +24,10 @@ pub(crate) struct State<T> {
     pub sizes: [usize; 8],
     /// Some rows are stiffer than usual.
     pub is_stiff: bool,
+    /// `gradient`, `slope` and the multipliers belong to `z`, and `z` is an optimum.
+    pub is_settled: bool,
+    /// `pull` belongs to `slope`.
+    pub has_pull: bool,
     pub has_plan: bool,
     pub is_optimum: bool,
     /// Nothing was loaded since the last reset.
@@ -46,6 +50,8 @@ impl<T: Scalar> State<T> {
             widest: 0,
             sizes: [0; 8],
             is_stiff: false,
+            is_settled: false,
+            has_pull: false,
             has_plan: false,
             is_optimum: false,
             is_fresh: true,
