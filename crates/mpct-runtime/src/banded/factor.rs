@@ -1,8 +1,8 @@
 //! The factors L D Lᵀ of H + ρ G_WᵀG_W, W the active rows, stored by columns within their band.
 //!
 //! A row that comes or goes changes the factors where its window is and fades from there on, since the inverse of a banded,
-//! well-conditioned matrix decays with the distance from the diagonal. Updates and solutions stop where nothing is left but
-//! rounding: their cost does not depend on the number of subsystems.
+//! well-conditioned matrix decays with the distance from the diagonal. Updates and solutions stop where what is left does not
+//! matter: their cost does not depend on the number of subsystems.
 //!
 //! Updates: Gill, Golub, Murray, Saunders, "Methods for modifying matrix factorizations", Mathematics of Computation 28, 1974.
 
@@ -21,6 +21,26 @@ fn shrunk<T: Scalar>() -> T {
         T::from_f64(1e-9)
     } else {
         T::from_f64(1e-4)
+    }
+}
+
+/// What is left of the solution for one row is too little when it is below this part of its largest entry. The next solution on all active rows,
+/// which every round begins with, makes good what is left out; smaller, and a row costs more columns for nothing.
+fn faded_solution<T: Scalar>() -> T {
+    if T::EPSILON.to_f64() < 1e-10 {
+        T::from_f64(2e-10)
+    } else {
+        T::EPSILON
+    }
+}
+
+/// The same for what an update adds to the factors, which stays there: the next rounds converge by its product with ρ, 1e-8, in place of
+/// by rounding.
+fn faded_update<T: Scalar>() -> T {
+    if T::EPSILON.to_f64() < 1e-10 {
+        T::from_f64(2e-13)
+    } else {
+        T::EPSILON
     }
 }
 
@@ -134,7 +154,7 @@ impl<T: Scalar> Factor<'_, T> {
         for &g in row {
             largest = largest.max(g.abs());
         }
-        let faded = largest * T::EPSILON;
+        let faded = largest * faded_update();
         scratch[window.clone()].copy_from_slice(row);
         let (mut weight, mut sound) = (weight, true);
         let size = self.diagonal.len();
@@ -188,7 +208,7 @@ impl<T: Scalar> Factor<'_, T> {
         }
     }
 
-    /// The solution for a row of `rows` on the right, where it is not rounding: `x` is written in the returned range only.
+    /// The solution for a row of `rows` on the right, where it has not faded: `x` is written in the returned range only.
     pub fn solve_row(&self, rows: &Windows<'_, T>, pair: usize, x: &mut [T]) -> Range<usize> {
         let window = rows.window(pair);
         if window.is_empty() {
@@ -208,7 +228,7 @@ impl<T: Scalar> Factor<'_, T> {
             }
             if v >= window.end
                 && (v - window.end).is_multiple_of(STRIDE)
-                && !(self.left(x, v) > largest * T::EPSILON)
+                && !(self.left(x, v) > largest * faded_solution())
             {
                 break;
             }
@@ -235,7 +255,7 @@ impl<T: Scalar> Factor<'_, T> {
             largest = largest.max(x[v].abs());
             if v < window.start
                 && (window.start - v).is_multiple_of(STRIDE)
-                && !(self.left(x, v) > largest * T::EPSILON)
+                && !(self.left(x, v) > largest * faded_solution())
             {
                 break;
             }

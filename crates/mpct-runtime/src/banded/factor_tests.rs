@@ -179,7 +179,8 @@ fn solutions_are_those_of_the_dense_matrix() {
             let mut b = [0.0; NZ];
             b[at.clone()].copy_from_slice(d.rows.row(pair));
             let left = residual(&parts, &a, &x, &b);
-            assert!(left < 1e-9, "trial {trial}, pair {pair}: {left:e}");
+            // What is left out, 2e-10 of the largest entry, appears times ρ = 1e5.
+            assert!(left < 2e-5, "trial {trial}, pair {pair}: {left:e}");
         }
     }
     assert!(shorter > 100, "{shorter} truncated: the test must see some");
