@@ -70,7 +70,8 @@ pub(crate) fn load<T: Scalar>(
         x,
         &mut ws.linear[from..],
     );
-    ws.pricing.measure(x);
+    let distance = ws.pricing.measure(x);
+    ws.is_still = !ws.has_jumped && distance <= T::REFINE;
 }
 
 /// Solves the problem loaded by [`load`]. Iterations are counted in `iterations`.
@@ -129,7 +130,8 @@ fn run<T: Scalar>(
     // pricing are cheaper still, as long as they rule most rows out.
     let mut gram = gram;
     let is_quiet = !ws.has_jumped && !ws.pricing.knows_nothing();
-    let stays = is_quiet && gram.is_some_and(|gram| reply(tables, &gram, ws));
+    // At rest the last solution is the solution, as settling sees at once.
+    let stays = is_quiet && (ws.is_still || gram.is_some_and(|gram| reply(tables, &gram, ws)));
     if !stays
         && let Some(gram) = gram.take()
         && let Some(outcome) = walk_and_settle(tables, &gram, ws, budget, iterations)?

@@ -29,6 +29,9 @@ pub(crate) struct Gram<'a, T> {
     pub products: &'a [T],
 }
 
+/// Roundings, in units of [`Scalar::EPSILON`], of the smallest problem.
+pub(crate) const LEAST: f64 = 8.0;
+
 impl<'a, T: Scalar> Gram<'a, T> {
     /// Divides a slice of length [`Dims::gram_len`].
     pub fn lay_out(dims: Dims, units: usize, slice: &'a [T]) -> Self {

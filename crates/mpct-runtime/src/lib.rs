@@ -12,7 +12,7 @@
 //! # The way
 //!
 //! 1. [`prepare`] factors `H` and scales the rows: once, into one slice of numbers. Export it, or convert it with [`cast_tables`].
-//!    Small problems may add [`prepare_gram`]: jumps of the set-point then take half the time or less.
+//!    Small problems may add [`prepare_gram`]: in `f64`, jumps of the set-point then take half the time or less.
 //! 2. [`Workspace::new`] divides caller-provided memory; [`Controller::new`] joins the two.
 //! 3. [`Controller::step`] solves at every sampling instant, within a [`Budget`], and never leaves without a feasible input when one is
 //!    known: see [`StepStatus`] and [`StepError`].

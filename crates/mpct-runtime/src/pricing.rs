@@ -151,11 +151,13 @@ impl<'a, T: Scalar> Pricing<'a, T> {
         self.forget = true;
     }
 
-    /// A new measured state.
-    pub fn measure(&mut self, x: &[T]) {
-        self.path[2] += distance_upper(x, self.x);
+    /// A new measured state. Returns an upper bound of its distance from the last one.
+    pub fn measure(&mut self, x: &[T]) -> T {
+        let distance = distance_upper(x, self.x);
+        self.path[2] += distance;
         self.x.copy_from_slice(x);
         (self.pricings, self.list.len) = (0, 0);
+        distance
     }
 
     /// `bᵢ(x)`. A quiet step needs few of them; from the second pricing on they are kept.

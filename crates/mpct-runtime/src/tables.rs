@@ -342,7 +342,13 @@ impl<'a, T: Scalar> Tables<'a, T> {
     pub(crate) fn with_gram(mut self, products: &'a [T]) -> Result<Self, TableError> {
         self.gram = self.lay_out_gram(products)?;
         if let Some(gram) = &self.gram {
-            self.found.gram_error = gram::check(&self, gram)?;
+            let error = gram::check(&self, gram)?;
+            self.found.gram_error = error;
+            // Where rounding alone is beyond the tolerance, as in f32, the rows would have to be asked every time.
+            if !(error * T::from_f64(gram::LEAST) * T::EPSILON <= T::HALF * T::PRIMAL) {
+                self.gram = None;
+                self.found.gram_error = T::INFINITY;
+            }
         }
         Ok(self)
     }
@@ -371,7 +377,7 @@ impl<'a, T: Scalar> Tables<'a, T> {
         self.dims.gram_len(self.units())
     }
 
-    /// Whether the slice had products of rows after the tables.
+    /// Whether the slice had products of rows after the tables that the solver uses: in `f32` their rounding is beyond its tolerance.
     pub fn has_gram(&self) -> bool {
         self.gram.is_some()
     }

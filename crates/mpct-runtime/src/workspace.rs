@@ -45,6 +45,8 @@ pub struct Workspace<'a, T> {
     pub(crate) set_point: &'a mut [T],
     /// The set-point is another one than at the last step, or there was none.
     pub(crate) has_jumped: bool,
+    /// Nothing has changed since the last step.
+    pub(crate) is_still: bool,
     pub(crate) x: &'a mut [T],
     pub(crate) input: &'a mut [T],
     /// Multiplier of the last row of a proof of infeasibility; the others are in `a`, the row numbers in `proof_rows`.
@@ -125,6 +127,7 @@ impl<'a, T: Scalar> Workspace<'a, T> {
             stationarity: T::INFINITY,
             set_point: take(dims.set_point),
             has_jumped: true,
+            is_still: false,
             x: take(dims.states),
             input: take(dims.inputs),
             proof_rows,

@@ -314,7 +314,8 @@ fn fingerprint(with_gram: bool) -> u64 {
 #[test]
 fn inputs_in_single_precision_have_the_stored_bits() {
     assert_eq!(fingerprint(false), 12_867_970_574_866_688_728);
-    assert_eq!(fingerprint(true), 312_568_951_777_845_694);
+    // Products of rows are of no use in f32, and ignored.
+    assert_eq!(fingerprint(true), fingerprint(false));
 }
 
 /// Random states inside, on the border, outside; random set-points, budgets, faults.
