@@ -18,8 +18,9 @@
 //! | part of a step | at most | how often |
 //! |---|---|---|
 //! | linear term | entries of F_x (and F_r after a new set-point) | once |
-//! | residuals | `2 h nz + k (4 g + v)` | two or three times in a quiet step, plus once per batch of leaving rows |
-//! | solution on all active rows | `2 b nz` | once less |
+//! | what the last step knew of the active rows, at the new state | `k v` | once, after an optimum |
+//! | residuals | `2 h nz + 3 k g` | twice in a quiet step, once more per batch of leaving rows and after rows have come |
+//! | right-hand side and solution on all active rows | `2 b nz + k g` | as often |
 //! | a row that comes or goes | `5 b · reach`, `reach` the columns at which its influence has faded; at most nz | per iteration |
 //! | noting a movement | weights of the groups it touches | per iteration; for all groups per solution and per state |
 //! | asking a group | `3 ·` pairs in it | groups whose rows the movements since can have brought beyond a bound |
