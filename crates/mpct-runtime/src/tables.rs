@@ -14,10 +14,10 @@
 //! Every row of `(G, W, 1)` is multiplied by a power of two that brings its row of `M` to a length in `[1, 2)`.
 //! Powers of two are exact: the stored rows *are* the rows of the problem.
 
-use crate::dense::{all_finite, axpy, dot, gemv_add, max_abs};
+use crate::dense::{all_finite, dot, max_abs};
 use crate::dims::ROW_BLOCK;
 use crate::gram::{self, Gram};
-use crate::{Dims, Scalar};
+use crate::{Dims, Scalar, TableError};
 
 /// The constant data of one controller, borrowed. See the module text for the formulas.
 ///
@@ -114,89 +114,6 @@ impl<T> TablesStamp<T> {
 
 /// "No row one stage earlier" in a shift map.
 pub const NO_ROW: u32 = u32::MAX;
-
-/// Why tables were refused.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum TableError {
-    /// A slice has the wrong length.
-    Length {
-        /// Which slice.
-        what: &'static str,
-        /// Length asked for.
-        expected: usize,
-        /// Length found.
-        found: usize,
-    },
-    /// A dimension is zero that must not be, or the sizes overflow.
-    Dimensions,
-    /// An entry is NaN or infinite.
-    NotFinite {
-        /// Which slice.
-        what: &'static str,
-        /// Position in it.
-        index: usize,
-    },
-    /// The Hessian is not positive definite: elimination met a pivot that is not positive.
-    NotPositiveDefinite {
-        /// Which pivot.
-        index: usize,
-        /// Its value.
-        pivot: f64,
-    },
-    /// A row scale is not a positive power of two, or a bound of movement is smaller than its row: damaged tables.
-    Damaged {
-        /// Which row.
-        row: usize,
-    },
-    /// A window leaves its matrix, or does not stand where the format wants it.
-    Window {
-        /// Which row.
-        row: usize,
-    },
-    /// An order names what does not exist, or not everything.
-    Order {
-        /// Which order.
-        what: &'static str,
-        /// Position in it.
-        index: usize,
-    },
-    /// A shift map names a row that does not exist.
-    Shift {
-        /// Position in the map.
-        row: usize,
-        /// What it says.
-        found: u32,
-    },
-}
-
-impl core::fmt::Display for TableError {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        match *self {
-            Self::Length {
-                what,
-                expected,
-                found,
-            } => write!(f, "{what} has length {found}, expected {expected}"),
-            Self::Dimensions => write!(f, "a dimension is zero or too large"),
-            Self::NotFinite { what, index } => write!(f, "{what}[{index}] is not finite"),
-            Self::NotPositiveDefinite { index, pivot } => {
-                write!(
-                    f,
-                    "the Hessian is not positive definite: pivot {index} is {pivot:e}"
-                )
-            }
-            Self::Damaged { row } => write!(f, "the tables of row {row} contradict each other"),
-            Self::Window { row } => write!(f, "the window of row {row} does not fit its matrix"),
-            Self::Order { what, index } => write!(f, "{what} is wrong at entry {index}"),
-            Self::Shift { row, found } => write!(
-                f,
-                "the shift map sends row {row} to {found}, which does not exist"
-            ),
-        }
-    }
-}
-
-impl core::error::Error for TableError {}
 
 /// The tables, and what follows them.
 fn divide<T>(dims: Dims, slice: &[T]) -> Result<(&[T], &[T]), TableError> {
@@ -456,104 +373,6 @@ impl<'a, T: Scalar> Tables<'a, T> {
     pub(crate) fn root_inverse_entry(&self, k: usize, j: usize) -> T {
         let nz = self.dims.variables();
         self.root_inverse[k * nz - k * k.saturating_sub(1) / 2 + j - k]
-    }
-
-    /// `y += H x`.
-    #[inline]
-    pub(crate) fn hessian_mul_add(&self, x: &[T], y: &mut [T]) {
-        match self.found.block {
-            1 => self.hessian_blocks::<1>(x, y),
-            2 => self.hessian_blocks::<2>(x, y),
-            3 => self.hessian_blocks::<3>(x, y),
-            4 => self.hessian_blocks::<4>(x, y),
-            block if block == x.len() => gemv_add(self.hessian, x, y),
-            block => {
-                let rows = self.hessian.chunks_exact(x.len().max(1));
-                for (k, (yi, row)) in y.iter_mut().zip(rows).enumerate() {
-                    let own = k / block * block..(k / block + 1) * block;
-                    *yi += dot(&row[own.clone()], &x[own]);
-                }
-            }
-        }
-    }
-
-    /// The same for blocks of a size that the compiler knows.
-    #[inline]
-    fn hessian_blocks<const B: usize>(&self, x: &[T], y: &mut [T]) {
-        let rows = self.hessian.chunks_exact(x.len() * B);
-        let parts = y
-            .as_chunks_mut::<B>()
-            .0
-            .iter_mut()
-            .zip(x.as_chunks::<B>().0);
-        for (k, ((y, x), rows)) in parts.zip(rows).enumerate() {
-            for (yi, row) in y.iter_mut().zip(rows.chunks_exact(rows.len() / B)) {
-                if let Some(row) = row.get(k * B..).and_then(|r| r.first_chunk::<B>()) {
-                    for lane in 0..B {
-                        *yi += row[lane] * x[lane];
-                    }
-                }
-            }
-        }
-    }
-
-    /// `y += R⁻¹ x`.
-    #[inline]
-    pub(crate) fn root_mul_add(&self, x: &[T], y: &mut [T]) {
-        match self.found.block {
-            1 => self.root_blocks::<1>(x, y),
-            2 => self.root_blocks::<2>(x, y),
-            3 => self.root_blocks::<3>(x, y),
-            4 => self.root_blocks::<4>(x, y),
-            block => {
-                let (mut rest, mut left) = (self.root_inverse, x.len());
-                for (y, part) in y.chunks_exact_mut(block).zip(x.chunks_exact(block)) {
-                    for (k, yi) in y.iter_mut().enumerate() {
-                        let (row, tail) = rest.split_at(left);
-                        *yi += dot(&row[..block - k], &part[k..]);
-                        (rest, left) = (tail, left - 1);
-                    }
-                }
-            }
-        }
-    }
-
-    /// The same for blocks of a size that the compiler knows.
-    #[inline]
-    fn root_blocks<const B: usize>(&self, x: &[T], y: &mut [T]) {
-        let (mut rest, mut left) = (self.root_inverse, x.len());
-        for (y, x) in y
-            .as_chunks_mut::<B>()
-            .0
-            .iter_mut()
-            .zip(x.as_chunks::<B>().0)
-        {
-            for k in 0..B {
-                let (row, tail) = rest.split_at(left);
-                for (&r, &v) in row.iter().zip(&x[k..]) {
-                    y[k] += r * v;
-                }
-                (rest, left) = (tail, left - 1);
-            }
-        }
-    }
-
-    /// `y = R⁻ᵀ x`.
-    #[inline]
-    pub(crate) fn root_transpose_mul(&self, x: &[T], y: &mut [T]) {
-        let block = self.found.block;
-        y.fill(T::ZERO);
-        let (mut rest, mut left) = (self.root_inverse, x.len());
-        for (y, part) in y.chunks_exact_mut(block).zip(x.chunks_exact(block)) {
-            for (k, &xk) in part.iter().enumerate() {
-                let (row, tail) = rest.split_at(left);
-                // Rows of early stages have many exact zeros.
-                if xk != T::ZERO {
-                    axpy(xk, &row[..block - k], &mut y[k..]);
-                }
-                (rest, left) = (tail, left - 1);
-            }
-        }
     }
 
     /// `Gᵢz − bᵢ(x)` of the scaled row: positive when violated.

@@ -33,6 +33,7 @@
 mod factor;
 mod movement;
 mod pricing;
+mod residuals;
 mod rows;
 mod solve;
 mod step;
