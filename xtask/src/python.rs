@@ -198,12 +198,13 @@ pub fn test(root: &Path) -> Result<(), u8> {
     let python = environment(root, &package.join("requirements-test.txt"))?;
     let target = target(root);
     let cargo = env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
-    // The tests compare the package with the command.
+    // The tests compare the package with the command. Built as the tests of the workspace are, with the same features of the
+    // dependencies: alone it would have others, and these would be compiled once more.
     run(
-        Command::new(cargo).args(["build", "--quiet", "--package", "mpct-cli"]),
+        Command::new(cargo).args(["build", "--quiet", "--workspace", "--all-targets"]),
         root,
     )?;
-    // One build profile for tests, so that the dependencies are not compiled once more.
+    // One build profile for tests, for the same reason.
     run(
         Command::new(&python)
             .args([
