@@ -7,11 +7,8 @@
 #[path = "../tests/common/mod.rs"]
 mod common;
 
-use common::{Lcg, Problem, academic, drone};
-use mpct_runtime::{
-    Budget, Controller, Scalar, StepStatus, Tables, WarmStart, Workspace, cast_tables, prepare,
-    prepare_gram,
-};
+use common::{Lcg, Problem, academic, drone, tables_of};
+use mpct_runtime::{Budget, Controller, Scalar, StepStatus, WarmStart, Workspace, cast_tables};
 use std::time::Instant;
 
 const STEPS: usize = 12_000;
@@ -19,14 +16,7 @@ const REPETITIONS: usize = 10;
 
 fn run<T: Scalar>(name: &str, problem: &Problem, warm: WarmStart, spread: &[f64], with_gram: bool) {
     let dims = problem.dims;
-    let (mut buffer, mut scratch) = (vec![0.0; dims.tables_len()], vec![0.0; dims.prepare_len()]);
-    prepare(&problem.data(), &mut buffer, &mut scratch).unwrap();
-    if with_gram {
-        let tables = Tables::from_slice(dims, &buffer).unwrap();
-        let mut products = vec![0.0; tables.gram_len()];
-        prepare_gram(&tables, &mut products).unwrap();
-        buffer.extend(products);
-    }
+    let buffer = tables_of(problem, with_gram);
     let mut cast = vec![T::ZERO; buffer.len()];
     let tables = cast_tables(dims, &buffer, &mut cast)
         .unwrap()

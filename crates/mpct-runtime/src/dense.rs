@@ -10,43 +10,40 @@ const LANES: usize = 4;
 /// `aᵀb` over the shorter length.
 #[inline(always)]
 pub(crate) fn dot<T: Scalar>(a: &[T], b: &[T]) -> T {
-    let mut sums = [T::ZERO; LANES];
-    let (a4, b4) = (a.chunks_exact(LANES), b.chunks_exact(LANES));
-    let mut rest = T::ZERO;
-    if a.len() == b.len() {
-        for (&p, &q) in a4.remainder().iter().zip(b4.remainder()) {
-            rest += p * q;
-        }
-    } else {
-        let shorter = if a.len() < b.len() { a.len() } else { b.len() };
-        return dot(&a[..shorter], &b[..shorter]);
-    }
-    for (p, q) in a4.zip(b4) {
-        for lane in 0..LANES {
-            sums[lane] += p[lane] * q[lane];
-        }
-    }
-    ((sums[0] + sums[2]) + (sums[1] + sums[3])) + rest
+    dot_in::<T, LANES>(a, b)
 }
 
 /// The same with eight running sums: for long vectors, where four would wait for each other.
 #[inline(always)]
 pub(crate) fn long_dot<T: Scalar>(a: &[T], b: &[T]) -> T {
-    const LANES: usize = 8;
-    let mut sums = [T::ZERO; LANES];
-    let (a8, a_rest) = a.as_chunks::<LANES>();
-    let (b8, b_rest) = b.as_chunks::<LANES>();
-    for (p, q) in a8.iter().zip(b8) {
-        for lane in 0..LANES {
-            sums[lane] += p[lane] * q[lane];
-        }
+    dot_in::<T, 8>(a, b)
+}
+
+/// `aᵀb` in `L` running sums, a power of two, of which halves are added until one is left.
+#[inline(always)]
+fn dot_in<T: Scalar, const L: usize>(a: &[T], b: &[T]) -> T {
+    if a.len() != b.len() {
+        let shorter = if a.len() < b.len() { a.len() } else { b.len() };
+        return dot_in::<T, L>(&a[..shorter], &b[..shorter]);
     }
-    let mut rest = T::ZERO;
+    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<L>(), b.as_chunks::<L>());
+    let (mut sums, mut rest) = ([T::ZERO; L], T::ZERO);
     for (&p, &q) in a_rest.iter().zip(b_rest) {
         rest += p * q;
     }
-    let [s0, s1, s2, s3, s4, s5, s6, s7] = sums;
-    (((s0 + s4) + (s2 + s6)) + ((s1 + s5) + (s3 + s7))) + rest
+    for (p, q) in a.iter().zip(b) {
+        for lane in 0..L {
+            sums[lane] += p[lane] * q[lane];
+        }
+    }
+    let mut half = L / 2;
+    while half > 0 {
+        for lane in 0..half {
+            sums[lane] += sums[lane + half];
+        }
+        half /= 2;
+    }
+    sums[0] + rest
 }
 
 /// `y += s·x`.

@@ -15,7 +15,7 @@
 //! M Mᵀ                        units × units
 //! ```
 
-use crate::dense::{all_finite, dot};
+use crate::dense::dot;
 use crate::{Dims, Scalar, TableError, Tables};
 
 /// Borrowed from the end of the tables. The second rows of pairs have the opposite sign.
@@ -201,7 +201,7 @@ pub(crate) fn check<T: Scalar>(
         let scale = tables.scale[row];
         error = error.max((mass.sqrt_upper() + of_state + scale) / scale);
     }
-    if all_finite(&[error]) {
+    if error.is_finite() {
         Ok(error)
     } else {
         Err(TableError::Dimensions)

@@ -181,11 +181,9 @@ impl<'a, T: Scalar> Tables<'a, T> {
         let (head, products) = divide(stamp.dims, slice)?;
         let mut tables = Self::lay_out(stamp.dims, head);
         tables.found = stamp.found;
-        tables.gram = tables.lay_out_gram(products)?;
-        // Unchecked products are worth nothing.
-        if !stamp.found.gram_error.is_finite() {
-            tables.gram = None;
-        }
+        // Products that were not checked, or found of no use, stay out.
+        let is_checked = stamp.found.gram_error.is_finite();
+        tables.gram = tables.lay_out_gram(products)?.filter(|_| is_checked);
         Ok(tables)
     }
 
@@ -248,24 +246,18 @@ impl<'a, T: Scalar> Tables<'a, T> {
         tables.found.pairs = (0..rows / 2)
             .position(|k| !tables.is_pair(2 * k))
             .unwrap_or(rows / 2);
-        if products.is_empty() {
-            Ok(tables)
-        } else {
-            tables.with_gram(products)
-        }
+        tables.with_gram(products)
     }
 
-    /// The same tables with the products of their rows, checked.
+    /// The same tables with the products of their rows, checked; the same without products.
     pub(crate) fn with_gram(mut self, products: &'a [T]) -> Result<Self, TableError> {
-        self.gram = self.lay_out_gram(products)?;
-        if let Some(gram) = &self.gram {
-            let error = gram::check(&self, gram)?;
-            self.found.gram_error = error;
-            // Where rounding alone is beyond the tolerance, as in f32, the rows would have to be asked every time.
-            if !(error * T::from_f64(gram::LEAST) * T::EPSILON <= T::HALF * T::PRIMAL) {
-                self.gram = None;
-                self.found.gram_error = T::INFINITY;
-            }
+        let Some(gram) = self.lay_out_gram(products)? else {
+            return Ok(self);
+        };
+        let error = gram::check(&self, &gram)?;
+        // Where rounding alone is beyond the tolerance, as in f32, the rows would have to be asked every time.
+        if error * T::from_f64(gram::LEAST) * T::EPSILON <= T::HALF * T::PRIMAL {
+            (self.gram, self.found.gram_error) = (Some(gram), error);
         }
         Ok(self)
     }

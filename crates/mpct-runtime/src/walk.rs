@@ -7,7 +7,7 @@
 //! numbers that are not finite) is left to the method that works with the rows.
 
 use crate::active_set::{Stop, drop_row, spend};
-use crate::dense::{all_finite, axpy, dot, max_abs, upper_transpose_mul};
+use crate::dense::{axpy, dot, max_abs, upper_transpose_mul};
 use crate::gram::{Gram, row_of, unit_of};
 use crate::{Budget, Scalar, Tables, Workspace};
 
@@ -271,7 +271,7 @@ fn enter<T: Scalar>(
             ws.lambda[k] = lambda;
             ws.pricing.hide(tables, row);
         }
-        return Ok(is_in && all_finite(&[lambda]));
+        return Ok(is_in && lambda.is_finite());
     }
 }
 

@@ -154,7 +154,7 @@ impl<T: Scalar> Parts<'_, T> {
             ..self.spans[0].partition_point(|&first| (first as usize) < range.end);
         for group in near {
             let (from, to) = (self.spans[0][group] as usize, self.spans[1][group] as usize);
-            if from >= range.end || to <= range.start {
+            if to <= range.start {
                 continue;
             }
             let of_group = blocks_of(&(from..to));

@@ -24,6 +24,35 @@ pub(crate) struct Violated<T> {
 }
 
 impl<T: Scalar> Parts<'_, T> {
+    /// V x of a pair, computed when it is first asked for in a step.
+    #[inline(always)]
+    pub fn of_state(&mut self, tables: &BandedTables<'_, T>, pair: usize) -> T {
+        if self.of_state[pair].is_nan() {
+            self.of_state[pair] = tables.data.rows_state.dot(pair, self.x);
+        }
+        self.of_state[pair]
+    }
+
+    /// What G z + V x of an active pair should be: u, or −l.
+    #[inline(always)]
+    pub fn bound(&self, tables: &BandedTables<'_, T>, pair: usize) -> T {
+        if self.side[pair] == 1 {
+            tables.data.upper[pair]
+        } else {
+            -tables.data.lower[pair]
+        }
+    }
+
+    /// Whether the multiplier of an active pair has the wrong sign.
+    #[inline(always)]
+    pub fn is_wrong(&self, pair: usize) -> bool {
+        if self.side[pair] == 1 {
+            self.y[pair] < T::ZERO
+        } else {
+            self.y[pair] > T::ZERO
+        }
+    }
+
     /// How far the row of each side lies beyond its penalised bound, b − centre / ρ: (upper, lower).
     #[inline(always)]
     fn beyond(&self, tables: &BandedTables<'_, T>, pair: usize) -> (T, T) {
@@ -38,7 +67,7 @@ impl<T: Scalar> Parts<'_, T> {
     /// Measures the rows of a group that can be violated.
     fn measure(&mut self, tables: &BandedTables<'_, T>, group: usize) {
         let d = &tables.data;
-        let pairs = d.groups[group] as usize..d.groups[group + 1] as usize;
+        let pairs = tables.pairs_of(group);
         let (mut known, mut best, mut nearest) = (-T::INFINITY, 0, -T::INFINITY);
         // Sums too long to be accurate start again.
         if self.begin_again(group) {
@@ -55,10 +84,7 @@ impl<T: Scalar> Parts<'_, T> {
                 known = known.max(at_most * scale);
                 continue;
             }
-
-            if self.of_state[pair].is_nan() {
-                self.of_state[pair] = d.rows_state.dot(pair, self.x);
-            }
+            self.of_state(tables, pair);
             let (upper, lower) = self.beyond(tables, pair);
             let excess = upper.max(lower) - T::PRIMAL * scale;
             self.key[pair] = reached - excess / scale;

@@ -48,28 +48,19 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
         let mut leaving = 0;
         for k in 0..self.state.active {
             let pair = p.active[k] as usize;
-            let is_upper = p.side[pair] == 1;
             let (row, window) = (d.rows.row(pair), d.rows.window(pair));
             if look != Look::At {
                 p.slope[k] += long_dot(row, &p.direction[window.clone()]);
-                let y = p.centre[pair] + p.stiff[pair] * p.slope[k];
-                leaving += usize::from(if is_upper { y < T::ZERO } else { y > T::ZERO });
-                p.y[pair] = y;
+                p.y[pair] = p.centre[pair] + p.stiff[pair] * p.slope[k];
+                leaving += usize::from(p.is_wrong(pair));
             }
             axpy(p.y[pair], row, &mut p.gradient[window.clone()]);
             if look == Look::Along {
                 axpy(p.stiff[pair] * p.slope[k], row, &mut p.pull[window]);
                 continue;
             }
-            if p.of_state[pair].is_nan() {
-                p.of_state[pair] = d.rows_state.dot(pair, p.x);
-            }
-            let value = long_dot(row, &p.z[window]) + p.of_state[pair];
-            p.slope[k] = if is_upper {
-                value - d.upper[pair]
-            } else {
-                value + d.lower[pair]
-            };
+            let value = long_dot(row, &p.z[window]) + p.of_state(self.tables, pair);
+            p.slope[k] = value - p.bound(self.tables, pair);
         }
         Residuals {
             leaving,
@@ -103,16 +94,11 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
 
     /// `½ zᵀHz + fᵀz` at an optimum, without a product with H: `Hz + f` is `gradient` less `Gᵀy`, and `G z` is known.
     pub fn cost(&self) -> T {
-        let (p, d) = (&*self.parts, &self.tables.data);
+        let p = &*self.parts;
         let mut sum = dot(p.z, p.gradient) + dot(p.z, p.linear);
         for (&pair, &residual) in p.active[..self.state.active].iter().zip(p.slope.iter()) {
             let pair = pair as usize;
-            let bound = if p.side[pair] == 1 {
-                d.upper[pair]
-            } else {
-                -d.lower[pair]
-            };
-            sum -= p.y[pair] * (residual + bound - p.of_state[pair]);
+            sum -= p.y[pair] * (residual + p.bound(self.tables, pair) - p.of_state[pair]);
         }
         T::HALF * sum
     }

@@ -15,15 +15,9 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
         let mut k = 0;
         while k < self.state.active {
             let pair = self.parts.active[k] as usize;
-            let y = self.parts.y[pair];
-            let is_wrong = if self.parts.side[pair] == 1 {
-                y < T::ZERO
-            } else {
-                y > T::ZERO
-            };
-            if is_wrong {
-                let p = &mut *self.parts;
-                self.tables.data.rows.add_row(pair, -y, p.gradient);
+            let p = &mut *self.parts;
+            if p.is_wrong(pair) {
+                self.tables.data.rows.add_row(pair, -p.y[pair], p.gradient);
                 self.remove(k, !many)?;
             } else {
                 k += 1;

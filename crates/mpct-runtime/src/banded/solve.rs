@@ -84,8 +84,8 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
         p.measure_state(self.tables, x);
         for k in 0..active {
             let pair = p.active[k] as usize;
-            p.of_state[pair] = d.rows_state.dot(pair, p.x);
-            p.slope[k] += p.of_state[pair];
+            let now = p.of_state(self.tables, pair);
+            p.slope[k] += now;
         }
         let mut is_new = self.state.is_fresh;
         for (own, &at) in p.r.iter_mut().zip(d.set_point_order) {
@@ -204,11 +204,10 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
                     self.residuals(Look::At);
                     if !self.stiffen(true)? {
                         self.walk();
+                        self.residuals(Look::At);
                     }
-                    self.residuals(Look::At);
                 } else if self.state.is_stiff {
                     self.stiffen(false)?;
-                    self.residuals(Look::At);
                 }
                 if round > ROUNDS {
                     return Err(Stop::Trouble);

@@ -132,6 +132,7 @@ impl<T: Scalar> Solver<'_, '_, '_, T> {
             }
         }
         self.state.is_stiff = more;
+        self.state.has_pull &= !changed;
         Ok(changed)
     }
 

@@ -26,7 +26,7 @@ pub(crate) struct State<T> {
     pub is_stiff: bool,
     /// `gradient`, `slope` and the multipliers belong to `z`, and `z` is an optimum.
     pub is_settled: bool,
-    /// `pull` belongs to `slope`.
+    /// `pull` belongs to `slope` and the stiffness.
     pub has_pull: bool,
     pub has_plan: bool,
     pub is_optimum: bool,

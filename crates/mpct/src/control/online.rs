@@ -181,14 +181,16 @@ impl OnlineSolver {
         let mut indices = vec![0; dims.index_len()];
         let prepared = runtime::prepare(&data, &mut tables, &mut vec![0.0; dims.prepare_len()])
             .map_err(failed)?;
-        let length = prepared.gram_len();
+        let (mut stamp, length) = (prepared.stamp(), prepared.gram_len());
         if length <= PRODUCTS {
             let mut products = vec![0.0; length];
             runtime::prepare_gram(&prepared, &mut products).map_err(failed)?;
             tables.extend(products);
+            stamp = runtime::Tables::from_slice(dims, &tables)
+                .map_err(failed)?
+                .stamp();
         }
-        let prepared = runtime::Tables::from_slice(dims, &tables).map_err(failed)?;
-        let stamp = prepared.stamp();
+        let prepared = runtime::Tables::reopen(stamp, &tables).map_err(failed)?;
         let workspace =
             runtime::Workspace::new(dims, &mut numbers, &mut indices).map_err(failed)?;
         let memory = runtime::Controller::new(prepared, workspace)
