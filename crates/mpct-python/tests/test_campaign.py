@@ -244,11 +244,14 @@ def test_interrupt_keeps_what_was_done(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
         f"""
+import signal
 import sys
 sys.path.insert(0, {str(Path(__file__).parent)!r})
 from conftest import academic_problem
 import mpct
 if __name__ == "__main__":
+    # As in a terminal: tests that a shell runs in the background inherit an interrupt that is ignored.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     runs = [{{"x0": [0.001 * i, 0]}} for i in range(1000)]
     setting = mpct.Simulation([0, 0], [2, 0.5], 3000)
     try:
